@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -47,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rig",
         metavar="RIG",
-        help="rig to connect to: virtual, firmware, join (a running engine), or a rig.toml",
+        action="append",
+        help="rig to connect to: virtual, firmware, join (a running engine), or a rig.toml; "
+        "several times for several rigs in one window",
     )
     parser.add_argument(
         "--world",
@@ -60,6 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="SESSION",
         help="show the newest trials of a session that another program records",
+    )
+    parser.add_argument(
+        "--plots",
+        type=Path,
+        metavar="FILE",
+        help="Python file of own plots, which the window shows in place of the live views",
     )
     parser.add_argument(
         "--theme", choices=("system", "light", "dark"), help="colours; without it the last ones"
@@ -133,23 +142,35 @@ def run(args: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         # Python calls this in the middle of anything, such as a redraw that reads the live data.
-        signal.signal(number, lambda *_: QTimer.singleShot(0, window.attach.leave))
+        signal.signal(number, lambda *_: QTimer.singleShot(0, partial(_leave, window)))
     Thread(target=_load_compiler).start()
     window.analysis_tab.prepare()
     QTimer.singleShot(SOON_MS, window, window.fit_screen)  # its frame is there by then
     QTimer.singleShot(SOON_MS, window, window.prepare)
+    if args.plots is not None:
+        window.own_plots.choose(str(args.plots.absolute()))
     _begin(window, args)
     code = int(QApplication.exec())
-    for link in (window.engine_link, window.finger_tab.link):
+    for link in (link for peer in window.peers for link in peer.links):
         for sentence in link.left_running:
             print(f"rigctl-gui: {visible(sentence)}", file=sys.stderr)
-    delete(window)  # while there is an application: widgets that outlive it crash Python's end
+    delete(
+        window.window()
+    )  # while there is an application: widgets that outlive it crash Python's end
     return code
+
+
+def _leave(window: MainWindow) -> None:
+    """Close all pages without a question; runs go on."""
+    for peer in window.peers:
+        peer.attach.leave()
 
 
 def _check_request(args: argparse.Namespace) -> None:
     """Raise WrongUse for options that exclude each other, a wrong world, or no session."""
-    from gui.link.engine_link import JOIN
+    from gui.link.engine_link import JOIN, SIMULATED
+    from gui.shell.rigs_window import MOST_RIGS, TOO_MANY
+    from rigctl.engine.rpc.engine_files import rig_name
 
     if args.follow is not None:
         if args.rig is not None or args.world is not None:
@@ -157,10 +178,15 @@ def _check_request(args: argparse.Namespace) -> None:
         from rigctl.session.part import part_paths
 
         part_paths(args.follow)
+    named = [rig_name(rig) for rig in args.rig or () if rig not in (*SIMULATED, JOIN)]
+    if len(set(named)) < len(named):
+        raise WrongUse(f"each rig once: {', '.join(named)}")
+    if len(args.rig or ()) > MOST_RIGS:
+        raise WrongUse(TOO_MANY)
     if args.world is not None:
         from rigctl.bench.world_file import load_world
 
-        if args.rig == JOIN:
+        if args.rig is not None and JOIN in args.rig:
             raise WrongUse("the running engine already has a world: join it without --world")
         load_world(args.world)
 
@@ -172,6 +198,7 @@ def _shown_window(theme: str | None) -> MainWindow:
 
     from gui.shell.help_page import REPORTS, CrashReporter
     from gui.shell.main_window import MainWindow
+    from gui.shell.rigs_window import add_rig
     from gui.shell.user_settings import UserSettings
     from gui.widgets.theme import ThemeChoice
 
@@ -186,6 +213,7 @@ def _shown_window(theme: str | None) -> MainWindow:
     crashes = CrashReporter(settings.folder / REPORTS, window.event_log.toPlainText)
     crashes.reported.connect(window.report)
     crashes.install()
+    window.rig_wanted.connect(partial(add_rig, window))
     window.show()
     if complaint := screen_complaint(*window.screen().availableSize().toTuple()):
         window.report("check", complaint)
@@ -197,7 +225,12 @@ def _begin(window: MainWindow, args: argparse.Namespace) -> None:
     if args.follow is not None:
         _follow(window, args.follow.absolute())
     elif args.rig is not None:
-        window.connect_rig(args.rig, str(args.world or ""))
+        from gui.shell.rigs_window import add_rig
+
+        for _ in args.rig[1:]:
+            add_rig(window)
+        for peer, rig in zip(window.peers, args.rig, strict=True):
+            peer.connect_rig(rig, str(args.world or ""))
     else:
         if args.world is not None:
             window.toolbar.world.choose(str(args.world))

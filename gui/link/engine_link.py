@@ -239,6 +239,10 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._is_opening = self._is_lost = False
         self.lost_engine: EngineFile | None = None
         """The engine that was lost since :meth:`open`; one that goes on is not lost."""
+        self.engine: EngineFile | None = None
+        """The engine that is connected, or was last."""
+        self.spared: Callable[[], Collection[str]] = frozenset
+        """Returns the names of engines that :meth:`stop` leaves alone."""
         self.left_running: list[str] = []
         """A sentence for each engine that did not end or answer when this window left it."""
         self.live: _Live | None = None
@@ -297,15 +301,20 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             self._stop_number = number
 
     def stop(self) -> None:
-        """Stop the connected engine, then all others in a thread; :attr:`reported` follows.
+        """Stop the connected engine, then those not spared in a thread; :attr:`reported` follows.
 
         A connected engine that has not read what came before gets STOP by a new connection, too.
         """
         self.stop_own()
         self._is_lost = False
         client = self._client
-        stopped = (client.engine_file.name,) if client is not None and not client.is_behind else ()
-        self._run_in_thread(lambda: self._stop_others(stopped, is_linked=client is not None))
+        stopped = (
+            {client.engine_file.name} if client is not None and not client.is_behind else set()
+        )
+        others = {*self.spared()} - {client.engine_file.name if client is not None else ""}
+        self._run_in_thread(
+            lambda: self._stop_others(stopped | others, is_linked=client is not None)
+        )
 
     def stop_own(self) -> None:
         """Stop the connected engine, if there is one."""
@@ -424,6 +433,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             self.closed.emit(str(error))
             return
         self._client, self._is_lost = result, False
+        self.engine = result.engine_file
         self._notifier = QSocketNotifier(result.fileno(), QSocketNotifier.Type.Read, self)
         self._notifier.activated.connect(self.poll)
         self._reset()

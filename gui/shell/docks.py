@@ -178,7 +178,9 @@ class SteadyFocus(QObject):
         left = self._left
         if watched is left and event.type() in (QEvent.Type.EnabledChange, QEvent.Type.Show):
             rests = self._window.focusWidget() in (self._window, None)
-            can_be_used = left.isEnabled() and left.isVisible() and left.window() is self._window
+            can_be_used = (
+                left.isEnabled() and left.isVisible() and left.window() is self._window.window()
+            )
             if can_be_used and rests:
                 left.setFocus(_BY_KEY)
         return super().eventFilter(watched, event)

@@ -43,7 +43,7 @@ class DrumController(QObject):
         self._connected_views = (self.toolbar, self.health_strip, self.operate_panel)
         """Views that show nothing without an engine; the plots keep the last data."""
         self._status = EngineStatus()
-        self._title, self._alarm = "rigctl", ""
+        self._title, self.alarm = "rigctl", ""
         self._is_silent = False
         self._connect_engine()
         self._connect_panels()
@@ -203,11 +203,11 @@ class DrumController(QObject):
 
     def _show_title(self, title: str) -> None:
         self._title = title
-        self.title_changed.emit(f"{self._alarm} – {title}" if self._alarm else title)
+        self.title_changed.emit(f"{self.alarm} – {title}" if self.alarm else title)
 
     def _show_alarm(self, alarm: str) -> None:
         """Show the first alarm in the heading and the window's title, where the task bar has it."""
-        if alarm != self._alarm:
-            self._alarm = alarm
+        if alarm != self.alarm:
+            self.alarm = alarm
             self.toolbar.show_alarm(is_on=bool(alarm))
             self._show_title(self._title)

@@ -22,6 +22,7 @@ from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
 from gui.link.attach import AttachController, ControlLock, PastLine
 from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
+from gui.live.own_plots import OwnPlots
 from gui.operate.event_log import EventLog, LogPanel, StatusLine
 from gui.shell.actions import ActionRegistry, keys_by_position
 from gui.shell.docks import DockArea, PageStack, SteadyFocusWindow, give_focus, neighbour_of
@@ -60,9 +61,9 @@ NOT_AT_REST = (
 class Appearance(QObject):
     """Applies theme and text size to the whole program.
 
-    ``theme`` is the theme in use. Plots have colours of their own and follow ``theme_changed``.
-    All widgets are styled anew in one piece, and STOP would wait for it: choices are refused
-    unless ``is_at_rest``, and a change of the desktop's colours waits.
+    ``theme`` is the theme in use, ``choice`` what the user chose. Plots have colours of their own
+    and follow ``theme_changed``. All widgets are styled anew in one piece, and STOP would wait for
+    it: choices are refused unless ``is_at_rest``, and a change of the desktop's colours waits.
     """
 
     theme_changed = Signal(object)
@@ -76,7 +77,7 @@ class Appearance(QObject):
         is_at_rest: Callable[[], bool],
     ) -> None:
         super().__init__()
-        self._settings, self._choice, self._docks = settings, choice, docks
+        self._settings, self.choice, self._docks = settings, choice, docks
         self._is_at_rest, self._system_changed = is_at_rest, False
         self._themes: dict[Any, QAction] = {}
         self._sizes: dict[Any, QAction] = {}
@@ -88,18 +89,18 @@ class Appearance(QObject):
     def add_menus(self, menus: ActionRegistry) -> None:
         """Add the choices of theme and text size to the View menu."""
         themes = {choice.value: choice for choice in ThemeChoice}
-        self._themes = menus.add_choices("View", "&Theme", themes, self._choice, self._choose_theme)
+        self._themes = menus.add_choices("View", "&Theme", themes, self.choice, self._choose_theme)
         sizes = {f"{percent} %": percent for percent in TEXT_SIZES_PERCENT}
         size = self._text_percent()
         self._sizes = menus.add_choices("View", "Te&xt size", sizes, size, self._choose_text_size)
 
     def apply(self) -> None:
         """Style the widgets, once they are made."""
-        apply_theme(self._choice, self._docks.window())
+        apply_theme(self.choice, self._docks.window())
 
     def set_theme(self, choice: ThemeChoice) -> None:
         """Apply another theme."""
-        self._choice = choice
+        self.choice = choice
         self.theme = apply_theme(choice, self._docks.window())
         self.theme_changed.emit(self.theme)
 
@@ -108,21 +109,27 @@ class Appearance(QObject):
         before, widths_px = self._text_percent(), self._docks.asked_widths_px()
         self._settings.set_value("text_percent", percent)
         scale_texts(percent / 100)
-        self.set_theme(self._choice)
+        self.set_theme(self.choice)
         for layout in self._docks.window().findChildren(QLayout):
             layout.invalidate()  # what is hidden would keep the room of the texts before
         widths_px = {name: round(px * percent / before) for name, px in widths_px.items()}
         self._docks.set_side_widths(widths_px)
 
+    def take(self, other: Appearance) -> None:
+        """Mark what was chosen in the page of another rig."""
+        self.choice, self.theme = other.choice, other.theme
+        self._themes[self.choice].setChecked(True)
+        self._sizes[self._text_percent()].setChecked(True)
+
     def follow_system(self) -> None:
         """Take the desktop's colours, if they have changed, once the rig is at rest."""
         if self._system_changed and self._is_at_rest():
             self._system_changed = False
-            if self._choice is ThemeChoice.SYSTEM:
-                self.set_theme(self._choice)
+            if self.choice is ThemeChoice.SYSTEM:
+                self.set_theme(self.choice)
 
     def _choose_theme(self, choice: ThemeChoice) -> None:
-        if self._may_change(self._themes[self._choice]):
+        if self._may_change(self._themes[self.choice]):
             self._settings.set_value("theme", choice.name)
             self.set_theme(choice)
 
@@ -150,7 +157,11 @@ class Regions:
     """Moves the focus into a region: to its first control, so that no Tab leads through all."""
 
     def __init__(self, heading: QWidget, strips: Sequence[QWidget], docks: DockArea) -> None:
-        self._above, self._docks = (heading, *strips), docks
+        self._above, self._docks = [heading, *strips], docks
+
+    def add(self, strip: QWidget) -> None:
+        """Add a strip above the heading."""
+        self._above.insert(0, strip)
 
     def add_menus(self, menus: ActionRegistry) -> None:
         """Add the keys of regions and panels to the View menu."""
@@ -200,14 +211,15 @@ class KeyFilter(QObject):
     """Reports one press of Esc once; an open menu or list still gets the key and closes.
 
     Ctrl+C copies the selected rows of a table. Shortcuts work by the places of their keys, too.
-    Return presses the button that has the focus, as the space bar does, on every desktop.
+    Return presses the button that has the focus, as the space bar does, on every desktop. A rig's
+    page that another one hides takes no keys.
     """
 
     escaped = Signal()
 
-    def __init__(self, parent: QObject, menus: ActionRegistry) -> None:
-        super().__init__(parent)
-        self._menus = menus
+    def __init__(self, window: QWidget, menus: ActionRegistry) -> None:
+        super().__init__(window)
+        self._window, self._menus = window, menus
         self._is_down = False
         self._app = QApplication.instance()
         assert self._app is not None
@@ -220,7 +232,8 @@ class KeyFilter(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Take the keys before the widget with the focus gets them."""
-        if not isinstance(event, QKeyEvent):
+        is_shown = self._window.isWindow() or self._window.isVisible()
+        if not is_shown or not isinstance(event, QKeyEvent):
             return False
         if event.key() in _PRESS_KEYS and event.type() == QEvent.Type.KeyPress:
             return not event.isAutoRepeat() and _click(watched)
@@ -284,8 +297,11 @@ class MainWindow(SteadyFocusWindow):
     """A window on the drum rig and the moving finger.
 
     ``factory`` and ``finger_factory`` start or join the engines of their rigs. Without
-    ``settings`` the window remembers nothing.
+    ``settings`` the window remembers nothing. Beside other rigs it is a page of a window.
     """
+
+    rig_wanted = Signal()
+    """The user wants a further rig in the same window."""
 
     def __init__(
         self,
@@ -296,10 +312,13 @@ class MainWindow(SteadyFocusWindow):
     ) -> None:
         super().__init__()
         self.setWindowTitle("rigctl")
+        self.peers = [self]
+        """The pages of all rigs in the same window, this one among them."""
         self.settings = settings if settings is not None else UserSettings(None)
+        self._factories = factory, finger_factory
         self.stack = PageStack()
         self.docks = DockArea(self.stack)
-        self.appearance = Appearance(self.settings, choice, self.docks, self._is_at_rest)
+        self.appearance = Appearance(self.settings, choice, self.docks, self.is_at_rest)
         theme = self.appearance.theme
         self.drum = DrumController(theme, factory)
         self.engine_link, self.toolbar = self.drum.link, self.drum.toolbar
@@ -307,9 +326,12 @@ class MainWindow(SteadyFocusWindow):
         self.operate_panel = self.drum.operate_panel
         self.protocol_panel = self.drum.protocol_panel
         self.live_page, self.live_plots = self.drum.live_page, self.drum.live_page.plots
+        self.own_plots = OwnPlots(theme)
         self.analysis_tab = AnalysisTab(theme)
         self.finger_tab = FingerTab(theme, finger_factory)
-        self.attach = AttachController((self.engine_link, self.finger_tab.link))
+        self.links = (self.engine_link, self.finger_tab.link)
+        self.engine_link.spared = self._engines_of_peers
+        self.attach = AttachController(self.links)
         self.file_browser, self.event_log = FileBrowser(), EventLog()
         self.status_line = StatusLine("Choose a rig and press Connect.")
         people = self.protocol_panel.form.people
@@ -337,15 +359,21 @@ class MainWindow(SteadyFocusWindow):
         self.timer.timeout.connect(self.poll)
         self.timer.start(FRAME_MS)
 
+    def another(self) -> MainWindow:
+        """Return the page of another rig, which is not in a window yet."""
+        drum, finger = self._factories
+        return MainWindow(drum, self.appearance.choice, finger, self.settings)
+
     def fit_screen(self) -> None:
         """Bring a window whose frame hangs off the screen wholly onto it."""
-        room, frame = self.screen().availableGeometry(), self.frameGeometry()
-        if self.isMaximized() or self.isFullScreen() or room.contains(frame):
+        window = self.window()
+        room, frame = window.screen().availableGeometry(), window.frameGeometry()
+        if window.isMaximized() or window.isFullScreen() or room.contains(frame):
             return
-        self.resize(self.size().boundedTo(room.size() - (frame.size() - self.size())))
-        frame = self.frameGeometry()
+        window.resize(window.size().boundedTo(room.size() - (frame.size() - window.size())))
+        frame = window.frameGeometry()
         corner = room.bottomRight() - QPoint(frame.width() - 1, frame.height() - 1)
-        self.move(
+        window.move(
             max(room.left(), min(frame.left(), corner.x())),
             max(room.top(), min(frame.top(), corner.y())),
         )
@@ -363,6 +391,7 @@ class MainWindow(SteadyFocusWindow):
         page = self.stack.currentWidget()
         self.drum.poll()
         self.replay.poll()
+        self.own_plots.poll()
         self.finger_tab.poll(is_visible=page is self.finger_tab.view)
 
     def connect_rig(self, rig: str, world: str = "") -> None:
@@ -377,18 +406,30 @@ class MainWindow(SteadyFocusWindow):
         connect(joined_rig(engine))
 
     def stop(self) -> None:
-        """Stop this window's engines, then all others; never asks and never waits."""
+        """Stop this rig's engines, then all that no other rig of the window has.
+
+        Never asks and never waits.
+        """
         self.report("stop", "STOP")
         self.engine_link.stop()
         self.finger_tab.link.stop_own()
 
+    def _engines_of_peers(self) -> set[str]:
+        """Return the engines that other rigs of the window have or had last."""
+        links = [link for peer in self.peers if peer is not self for link in peer.links]
+        return {link.engine.name for link in links if link.engine is not None}
+
     def _escape(self) -> None:
-        """Stop, and close what is open; where nothing moves, stop only if nothing is open."""
-        if self._drum_may_move():
-            self.stop()
+        """Stop all rigs, and close what is open; where nothing moves, only one of both."""
+        if any(peer._drum_may_move() for peer in self.peers):
+            self._stop_all()
             self._close_open()
         elif not self._close_open():
-            self.stop()
+            self._stop_all()
+
+    def _stop_all(self) -> None:
+        for peer in self.peers:
+            peer.stop()
 
     def _close_open(self) -> bool:
         """Close a question or a page; return whether one was open, or a list or menu.
@@ -426,14 +467,15 @@ class MainWindow(SteadyFocusWindow):
         """Show all texts larger or smaller, in percent of the usual size."""
         self.appearance.set_text_size(percent)
 
-    def closeEvent(self, event: QCloseEvent) -> None:
-        """Leave the engines, which continue a run, and end the worker processes.
-
-        During a run a strip asks first, unless the system ends the user's session.
-        """
+    def may_close(self) -> bool:
+        """Return whether the window may close; during a run ask, unless the user logs out."""
         app = QApplication.instance()
         is_logout = isinstance(app, QGuiApplication) and app.isSavingSession()
-        if not is_logout and not self.attach.may_close():
+        return is_logout or self.attach.may_close()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Leave the engines, which continue a run, and end the worker processes."""
+        if not self.may_close():
             event.ignore()
             return
         self.timer.stop()
@@ -442,6 +484,7 @@ class MainWindow(SteadyFocusWindow):
         self.hide()  # the window does not stay while an engine or a worker ends slowly
         for part in (self.attach, self.tools, self.start.maker, self.analysis_tab, self.replay):
             part.close()
+        self.own_plots.close_process(wait_ms=1000)
         self.drum.close()
         self.finger_tab.close()
         self.engine_link.wait_closed()
@@ -456,6 +499,7 @@ class MainWindow(SteadyFocusWindow):
                 **self.protocol_panel.form.remembered,
                 **self.finger_tab.setup.remembered,
                 "record_in": self.operate_panel.record_box.folder,
+                "own_plots": self.own_plots.file,
                 "pictures_in": self.live_page.save_strip.folder,
                 "results_in": self.analysis_tab.panel.run_box.place,
             }
@@ -494,6 +538,7 @@ class MainWindow(SteadyFocusWindow):
         analysis = self.analysis_tab
         pages: dict[str, QWidget] = {
             "live": self.live_page,
+            "plots": self.own_plots,
             "protocol": self.protocol_panel.page,
             "finger": self.finger_tab.view,
             "trial": analysis.trial_view,
@@ -528,6 +573,8 @@ class MainWindow(SteadyFocusWindow):
         menus = self.menus
         engines = self.attach.list_engines
         add_rig_menu(menus, self.drum, stop=self.stop, list_engines=engines)
+        tip = "Show a further rig in this window, on a page of its own and with a STOP of its own"
+        menus.add("Rig", "Add a ri&g to this window", self.rig_wanted.emit, tip=tip)
         self.rigs = RecentRigs(menus, self.settings, self.toolbar)
         self.engine_link.opened.connect(self.rigs.remember_connected)
         panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
@@ -549,9 +596,21 @@ class MainWindow(SteadyFocusWindow):
         menus.add("File", "Sess&ions", self._list_sessions, shortcut="Ctrl+L", tip=tip)
         self.replay.add_menu(menus)
         add_live_actions(menus, self.live_page, self.settings)
+        own = self.own_plots
+        tip = "Show curves that a Python file of yours makes of the samples, or the live views"
+        menus.add(
+            "View",
+            "&Own plots",
+            lambda: own.show_page(not own.is_wanted),
+            shortcut="Ctrl+Shift+O",
+            tip=tip,
+        )
         self.save_menu = SaveMenu(menus, self.stack)
         menus.add_separator("File")
-        menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
+        menus.add("File", "&Quit", self._close_all, shortcut="Ctrl+Q", tip="Close the window")
+
+    def _close_all(self) -> None:
+        self.window().close()
 
     def _list_sessions(self) -> None:
         self.stack.show_page("sessions")
@@ -598,7 +657,10 @@ class MainWindow(SteadyFocusWindow):
         boxes = (self.toolbar.rig, self.toolbar.world)
         panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
         self.replay.view_changed.connect(self._show_view)
-        strips = (self.live_page.save_strip, self.live_page.encoder_strip)
+        self.engine_link.opened.connect(self._follow_live)
+        self.engine_link.closed.connect(lambda _: self.own_plots.follow(""))
+        self.own_plots.changed.connect(self._show_view)
+        strips = (self.own_plots, self.live_page.save_strip, self.live_page.encoder_strip)
         for widget in (*boxes, *panels, *strips, self.replay, self.tools):
             widget.path_requested.connect(self._browse)
         for source in (self.drum, self.finger_tab, self.analysis_tab, self.replay, self.tools):
@@ -630,6 +692,10 @@ class MainWindow(SteadyFocusWindow):
         self.protocol_panel.page_changed.connect(self._show_view)
         self.operate_panel.bring_up.calibrate_requested.connect(self.tools.show_calibration)
         self.operate_panel.bring_up.setup_requested.connect(self.tools.show_setup)
+
+    def _follow_live(self) -> None:
+        engine = self.engine_link.engine
+        self.own_plots.follow(engine.live if engine is not None else "")
 
     def _connect_sessions(self) -> None:
         """Let the list of sessions act in the panels."""
@@ -680,7 +746,7 @@ class MainWindow(SteadyFocusWindow):
         attach.start_finger_requested.connect(self.finger_tab.start_another)
         attach.engines.shown.connect(lambda: self.stack.show_page("engines"))
         attach.engines.closed.connect(self._show_view)
-        attach.close_confirmed.connect(self.close)
+        attach.close_confirmed.connect(self._close_all)
         attach.reported.connect(self.report)
         attach.history_received.connect(self._show_history)
         panels = (self.operate_panel, self.protocol_panel)
@@ -719,8 +785,11 @@ class MainWindow(SteadyFocusWindow):
             self.replay.leave()
             self._show_view()
 
-    def _is_at_rest(self) -> bool:
-        """Whether nothing goes on at the rigs of this window that STOP would end."""
+    def is_at_rest(self) -> bool:
+        """Whether nothing goes on at any rig of this window that STOP would end."""
+        return all(peer._rests() for peer in self.peers)
+
+    def _rests(self) -> bool:
         finger = self.finger_tab.link
         return self._drum_rests() and not (finger.status.run.is_active or finger.is_waiting)
 
@@ -738,7 +807,13 @@ class MainWindow(SteadyFocusWindow):
 
     def _show_theme(self, theme: Theme) -> None:
         """Give the plots, which have colours of their own, those of another theme."""
+        for peer in self.peers:
+            peer.appearance.take(self.appearance)
+            peer._colour(theme)
+
+    def _colour(self, theme: Theme) -> None:
         self.live_plots.set_theme(theme)
+        self.own_plots.set_theme(theme)
         self.replay.set_theme(theme)
         self.analysis_tab.set_theme(theme)
         self.finger_tab.view.set_theme(theme)
@@ -748,7 +823,8 @@ class MainWindow(SteadyFocusWindow):
         views = {"analysis": self.analysis_tab.view, "finger": self.finger_tab.view}
         if self.protocol_panel.shows_page:
             views["protocol"] = self.protocol_panel.page
-        view = views.get(self._panel, self.live_page)
+        live = self.own_plots if self.own_plots.is_wanted else self.live_page
+        view = views.get(self._panel, live)
         self.stack.setCurrentWidget(self.replay.page if self.replay.is_shown else view)
         for pages in (self.toolbar.pages, self.health):
             pages.setCurrentIndex(int(self._panel == "finger"))

@@ -290,7 +290,7 @@ class WindowMemory(QObject):
         self._settings.write()
 
     def _geometry(self) -> str:
-        return b64encode(bytes(self._window.saveGeometry().data())).decode()
+        return b64encode(bytes(self._window.window().saveGeometry().data())).decode()
 
     def _layout(self) -> str:
         return b64encode(self._docks.save()).decode()

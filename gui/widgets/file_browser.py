@@ -48,6 +48,7 @@ class PathKind(Enum):
     RESULTS = ("Folder for results", "", "Choose a folder")
     RECORDINGS = ("Folder of recordings", "", "Choose a folder; the field takes a file, too")
     MAP = ("Map of the columns (*.toml)", _TOML, "Choose a map")
+    PLOTS = ("Python file of own plots (*.py)", "Python files (*.py)", "Choose a Python file")
     TABLE = ("Folder of the new table", "", "Choose a folder; then type the name of the file")
     SESSION = ("Session folder", "", "Choose a session folder")
     ANALYSIS_FILE = ("Analysis file (*.toml)", _TOML, "Choose an analysis file")

@@ -43,8 +43,9 @@ def own_window(
     try:
         yield window
     finally:
-        window.close()
-        delete(window)
+        whole = window.window()  # which has the pages of further rigs, too
+        whole.close()
+        delete(whole)
         for menu in filter(isValid, made):
             menu.deleteLater()
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)

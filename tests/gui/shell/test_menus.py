@@ -63,7 +63,7 @@ def test_each_button_that_stays_is_in_a_menu(harness: Harness) -> None:
     window = harness.window
     strips = window.findChildren(Strip) + window.findChildren(PromptPanel)
     pages = [window.attach.engines, window.start, window.help, window.file_browser]
-    pages.append(window.analysis_tab.sessions)
+    pages += [window.analysis_tab.sessions, window.own_plots]
     tools: list[QWidget] = list(window.findChildren(CommandPage))
     tools += [window.tools.calibrate_page, window.tools.setup_page]
     elsewhere: list[QWidget] = [*strips, *pages, *tools, window.analysis_tab.run_end_strip]

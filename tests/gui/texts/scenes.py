@@ -382,6 +382,11 @@ def _boards(stage: Stage) -> Iterator[str]:
 
 def _files(stage: Stage) -> Iterator[str]:
     window = stage.window
+    window.own_plots.plots.show_units({"top layer": "counts", "SA": "spikes/s", "RA": "spikes/s"})
+    window.own_plots.text.setText(REFUSAL)
+    window.stack.show_page("plots")
+    QApplication.processEvents()
+    yield "Own plots"
     for kind in (PathKind.PROTOCOL, PathKind.SESSION):
         window.file_browser.open(kind, lambda path: None)
         window.stack.setCurrentWidget(window.file_browser)
