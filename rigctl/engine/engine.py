@@ -63,7 +63,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self._samples_failed,
             REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
         )
-        self.manual = ManualRecorder(self.boards, self.event_bus, self._begin_streams)
+        self.manual = ManualRecorder(self.boards, self.event_bus, self._begin_beside)
         self.calibration = Calibration(rig, self.boards, self._today)
         self.setup = ServedSetup(rig, self.boards.motion, self.calibration.measurement, self._today)
         self.queue = RunQueue()

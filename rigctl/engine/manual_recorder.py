@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from rigctl.engine.copy_process import CopyProcess
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import END, START, DiskMonitor
 from rigctl.engine.rig_boards import RigBoards
@@ -49,8 +50,8 @@ def open_manual_session(folder: Path, note: str, context: RunContext) -> Recorde
     return open_recorder(folder, plan, context, resume=False)
 
 
-BeginStreams = Callable[[Path, tuple[str, float]], StreamsProcess | None]
-"""Starts what records the streams of other programs beside a sitting, from its start."""
+BeginBeside = Callable[[Path, tuple[str, float]], tuple[CopyProcess | None, StreamsProcess | None]]
+"""Starts what copies a session, and what records streams beside a sitting, from its start."""
 DISK_FULL = "the disk is full: the recording has ended, and all of it is kept; make room"
 
 
@@ -63,7 +64,7 @@ class ManualRecording:
         event_bus: EventBus,
         recorder: Recorder,
         texture: str | None,
-        begin_streams: BeginStreams,
+        begin_beside: BeginBeside,
     ) -> None:
         self.disk_monitor = DiskMonitor(recorder)
         self._recorder = recorder
@@ -79,7 +80,8 @@ class ManualRecording:
         ]
         self._record_health(START)
         header = recorder.header
-        self.streams = begin_streams(recorder.folder, (header.start_utc, header.start_loop_s))
+        start = header.start_utc, header.start_loop_s
+        _, self.streams = begin_beside(recorder.folder, start)
 
     @property
     def folder(self) -> Path:
@@ -124,9 +126,9 @@ class ManualRecording:
 class ManualRecorder:
     """The recording by hand of one engine; there is one at a time."""
 
-    def __init__(self, boards: RigBoards, event_bus: EventBus, begin_streams: BeginStreams) -> None:
+    def __init__(self, boards: RigBoards, event_bus: EventBus, begin_beside: BeginBeside) -> None:
         self._boards = boards
-        self._begin_streams = begin_streams
+        self._begin_beside = begin_beside
         self._event_bus = event_bus
         self._recording: ManualRecording | None = None
 
@@ -145,7 +147,7 @@ class ManualRecorder:
             raise WrongUse(f"{self._recording.folder} is being recorded: end that first")
         recorder = open_manual_session(folder, note, context)
         self._recording = ManualRecording(
-            self._boards, self._event_bus, recorder, texture, self._begin_streams
+            self._boards, self._event_bus, recorder, texture, self._begin_beside
         )
         self._event_bus.publish("record", f"recording by hand: {folder}", session=str(folder))
         if note:

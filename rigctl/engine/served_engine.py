@@ -177,21 +177,26 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     def _begin(self, run: _Run) -> _Run:
         """Let a run that :meth:`start` has opened run; return it."""
         self.run = run
-        run.copy = self._begin_copy(run)
-        run.streams = self._begin_streams(run.folder, run.start)
+        run.copy, run.streams = self._begin_beside(run.folder, run.start)
         self._run_task = self.spawn(self._execute(run))
         self.event_bus.publish("run", f"the run begins: {run.folder}", session=str(run.folder))
         return run
 
-    def _begin_copy(self, run: _Run) -> CopyProcess | None:
-        """Start what copies the run to a second disk, if there is one."""
+    def _begin_beside(
+        self, folder: Path, start: tuple[str, float]
+    ) -> tuple[CopyProcess | None, StreamsProcess | None]:
+        """Start what copies a recording to a second disk, and what records streams beside it."""
+        return self._begin_copy(folder), self._begin_streams(folder, start)
+
+    def _begin_copy(self, folder: Path) -> CopyProcess | None:
+        """Start what copies a session to a second disk, if there is one."""
         if not self._copy_to:
             return None
         try:
-            return CopyProcess(run.folder, self._copy_to, self._tell)
+            return CopyProcess(folder, self._copy_to, self._tell)
         except OSError as error:
-            text = f"no process copies this run to {self._copy_to} ({error.strerror})"
-            self.event_bus.publish(COPY, f"{text}: run rigctl copy after it")
+            text = f"no process copies {folder} to {self._copy_to} ({error.strerror})"
+            self.event_bus.publish(COPY, f"{text}: run rigctl copy afterwards")
             return None
 
     def _begin_streams(self, folder: Path, start: tuple[str, float]) -> StreamsProcess | None:

@@ -76,6 +76,7 @@ class ToldProcess:
             for line in stream:
                 if line.startswith(said_by):
                     self._take(kind, line.strip().removeprefix(RIGCTL))
+        self._process.wait()  # nobody may wait for one that outlives what it was made for
 
     def _take(self, kind: str, line: str) -> None:
         """Tell what the process has printed."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,12 +21,14 @@ MOST_EXCESS = 0.1
 """A session's mountings move the figures: a tenth of a bound beyond their ranges, in sum."""
 
 
-@pytest.fixture
-def brief(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Use one session of two repeats per candidate, and for the figures of the best."""
-    monkeypatch.setattr(identify_bench, "SEEDS", (1,))
-    monkeypatch.setattr(identify_bench, "REPEATS", 2)
-    monkeypatch.setattr(identify_bench, "SHOWN_REPEATS", 2)
+@pytest.fixture(scope="module")
+def start() -> Iterator[identify_bench.Candidate]:
+    """Use one session of two repeats per candidate; return the first one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(identify_bench, "SEEDS", (1,))
+        patch.setattr(identify_bench, "REPEATS", 2)
+        patch.setattr(identify_bench, "SHOWN_REPEATS", 2)
+        yield identify_bench.evaluate(WorldParameters())
 
 
 def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,8 +66,9 @@ def test_a_plate_is_pressed_with_the_requested_force() -> None:
     assert len(slider.trial(120.0, 250.0)) == 2000
 
 
-def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None) -> None:
-    start = identify_bench.evaluate(WorldParameters())
+def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(
+    start: identify_bench.Candidate,
+) -> None:
     candidates = []
     for _ in range(2):
         parameter_search = identify_bench.ParameterSearch(start, 5)
@@ -75,9 +79,8 @@ def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None
 
 
 def test_a_parameter_is_identified_by_the_figure_that_it_moves_and_others_are_free(
-    brief: None,
+    start: identify_bench.Candidate,
 ) -> None:
-    start = identify_bench.evaluate(WorldParameters())
     search = identify_bench.ParameterSearch(start, 5)
     for share in (-0.2, -0.1, 0.1, 0.2):
         moved = {**start.original, "groups": start.original["groups"] + 100.0 * share}
@@ -91,7 +94,9 @@ def test_a_parameter_is_identified_by_the_figure_that_it_moves_and_others_are_fr
     assert all("| free |" in line for name, line in table.items() if name != "relaxation")
 
 
-def test_the_command_prints_a_world_file(brief: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_a_world_file(
+    start: identify_bench.Candidate, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["--steps", "0", "--set", "plate_tilt_mm=0.02"]) == 0
     output = capsys.readouterr().out
     assert "plate_tilt_mm = 0.02  # mm" in output

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,24 @@ def test_a_missing_disk_is_told_stops_nothing_and_gets_all_when_it_is_back(tmp_p
         assert told.startswith(f"not copied: {disk} is not there: connect the second disk")
         assert f"`rigctl copy {harness.session} {disk}` catches up" in told
         assert harness.engine.run is not None and harness.engine.run.outcome == "done"
+    assert verify(disk / "session").whole
+
+
+def test_a_recording_by_hand_is_copied_too(tmp_path: Path) -> None:
+    disk = tmp_path / "second"
+    disk.mkdir()
+
+    async def scenario(harness: EngineHarness) -> None:
+        await harness.handle("record", {"out": str(harness.session)})
+        await harness.wait(1)
+        await harness.handle("end_record", {})
+        for thread in threading.enumerate():
+            if thread.name == "copy":
+                thread.join()
+
+    with open_harness(tmp_path, config=config(disk)) as harness:
+        harness.run(scenario)
+        assert harness.texts("copy") == []
     assert verify(disk / "session").whole
 
 
