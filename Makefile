@@ -267,7 +267,7 @@ $(WHEELS)/.ready: tools/wheels.txt
 	@touch $@
 
 wheels: boards site $(WHEELS)/.ready
-	@sh .ci/debian-packages $(DEBIAN_FIRMWARE)
+	@sh .ci/debian-packages $(DEBIAN_FIRMWARE) $(if $(filter x86_64,$(shell uname -m)),wine64)
 	$(SAY) "wheels of $(PLATFORMS) in dist/"
 	@rm -rf dist
 	@for platform in $(PLATFORMS); do \

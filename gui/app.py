@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from rigctl.config.resources import WINDOW_DEBIAN_PACKAGES
 from rigctl.config.text_file import visible
+from rigctl.engine.rpc.engine_files import place_machine_code
 from rigctl.errors import RigctlError, WrongUse
 
 if TYPE_CHECKING:
@@ -263,6 +264,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_arguments(parser)
     os.environ["PYTHONSAFEPATH"] = "1"  # no child imports from the working folder
     try:
+        place_machine_code()
         return run(parser.parse_args(argv))
     except RigctlError as error:
         print(f"rigctl-gui: {visible(str(error))}", file=sys.stderr)

@@ -25,7 +25,7 @@ BEGUN_FIRST = (
     "attack/test_attack.py",
     "boards/test_flash.py",
     "gui/link/test_cut_off.py",
-    "config/test_resources.py",
+    "config/test_installed.py",
     "gui/bad_input/test_unplugged.py",
     "firmware/test_controls.py",
     "gui/operate/test_setup_boards.py",

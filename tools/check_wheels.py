@@ -1,17 +1,23 @@
 """Check wheels as far as any one computer can: contents, processor, symbols and libraries needed.
 
 ``python -m tools.check_wheels FOLDER`` prints a line a wheel and exits with 1 where one is wrong.
-A wheel that passes has still to be run on its own system.
+Where there is Wine, the boards of Windows run there for a second, and must do what those of Linux
+do. A wheel that passes has still to be run on its own system.
 """
 
 from __future__ import annotations
 
+import ctypes
 import io
+import os
 import re
+import shutil
+import subprocess
 import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pefile
 from elftools.elf.elffile import ELFFile
@@ -44,6 +50,7 @@ SYSTEM_LIBRARIES = re.compile(
     r"lib(c|m|pthread|dl)\.so\.\d|ld-linux.*|/usr/lib/libSystem\.B\.dylib"
     r"|(?i:kernel32|ntdll|msvcrt|api-ms-win-crt-.*)\.dll"
 )
+WINE = shutil.which("wine64") or shutil.which("wine64", path="/usr/lib/wine")
 Library = tuple[str, set[str], set[str]]
 """Of a compiled library: its processor, the libraries that it needs, the symbols it exports."""
 
@@ -119,10 +126,45 @@ def read_mach(content: bytes) -> Library:
     return MACH_MACHINES[header.header.cputype], needed, exports
 
 
+def differing_boards(windows: Path, wine: str) -> Iterator[str]:
+    """Yield a sentence for each board of Windows that does something else here under Wine."""
+    with TemporaryDirectory() as name, zipfile.ZipFile(windows) as file:
+        program = Path(name) / "run_board.exe"
+        source = ROOT / "tools" / "run_board.c"
+        compiler = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-windows-gnu"]
+        subprocess.run([*compiler, str(source), "-o", str(program)], check=True)
+        environment = os.environ | {"WINEPREFIX": f"{name}/wine", "WINEDEBUG": "-all"}
+        for board in BOARDS:
+            library = Path(name) / f"virtual-{board}.dll"
+            library.write_bytes(file.read(f"rigctl/_data/boards/{library.name}"))
+            command = [wine, str(program), library.name, board]
+            ran = subprocess.run(command, cwd=name, env=environment, capture_output=True)
+            if ran.returncode or ran.stdout != run_here(board):
+                yield f"{library.name} ends with {ran.returncode} and differs from this computer's"
+
+
+def run_here(board: str) -> bytes:
+    """Do with this computer's board what run_board.c does, and return its inputs and outputs."""
+    library = ctypes.CDLL(str(ROOT / "build" / "host" / f"virtual-{board}.so"))
+    call = {name: getattr(library, f"{board}_{name}") for name in ("open", "io", "boot", "run")}
+    call["open"].restype = call["io"].restype = ctypes.c_void_p
+    handle = ctypes.c_void_p(call["open"]())
+    content = call["io"](handle)
+    call["boot"](handle, 1)
+    readings = (ctypes.c_uint16 * 1800)(*(i * 7 % 1024 for i in range(1800)))
+    words = {"taxels": (readings, 100), "drum": (ctypes.c_int64(16_000_000),), "finger": (1000,)}
+    call["run"](handle, *words[board])
+    return ctypes.string_at(content, getattr(library, f"{board}_io_size")())
+
+
 def main(folder: str) -> int:
     """Check the wheels of a folder and return an exit code."""
     wheels = sorted(Path(folder).glob("*.whl"))
     found = {wheel: list(complaints(wheel)) for wheel in wheels}
+    for wheel in wheels:
+        if WINE and wheel.stem.endswith("win_amd64"):
+            found[wheel] += differing_boards(wheel, WINE)
+            print(f"{wheel.name}: its boards have run under {WINE}")
     for wheel, wrong in found.items():
         print(f"{wheel.name}  {wheel.stat().st_size / 1e6:.1f} MB  {'; '.join(wrong) or 'right'}")
     return 1 if not wheels or any(found.values()) else 0

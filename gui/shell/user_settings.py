@@ -115,6 +115,11 @@ class UserSettings:
             with suppress(OSError):
                 path.replace(aside)
             file = QSettings(str(path), QSettings.Format.IniFormat)
+        if not file.isWritable():
+            self._complaints.append(
+                f"the settings in {path} cannot be written: this window forgets its layout and "
+                "its choices; allow writing there"
+            )
         return file
 
     def _read(self, key: str) -> str | None:

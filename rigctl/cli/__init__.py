@@ -175,6 +175,10 @@ def _run(words: list[str]) -> int:
     try:
         _check_command(words)
         named = words[:1] if words and words[0] in MODULES else MODULES
+        if named is not MODULES:  # else nothing is compiled
+            from rigctl.engine.rpc.engine_files import place_machine_code
+
+            place_machine_code()
         args = create_parser(named, loaded=False).parse_args(words)
         command: Any = import_module(MODULES[args.command], PACKAGE)
         return int(command.run(args))

@@ -57,7 +57,7 @@ def options(parser: ArgumentParser) -> Iterator[str]:
 
 
 def test_every_link_leads_to_a_page_and_its_heading() -> None:
-    """As on a forge; the site's own check is in tests/config/test_resources.py."""
+    """As on a forge; the site's own check is in tests/config/test_installed.py."""
     missing = []
     for page in ALL_PAGES:
         for link in LINK.findall(CODE.sub("", text_of(page))):

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Annotated
 
 import msgspec
+import platformdirs
 from msgspec import Meta
 
 from rigctl import __version__
@@ -68,6 +69,25 @@ def runtime_folder() -> Path:
         ) from error
     _require_private(folder)
     return folder
+
+
+def place_machine_code() -> None:
+    """Let numba keep its machine code beside the engines where it has no place, else it fails.
+
+    Call it before numba is loaded. It has no place where neither the installation nor the home
+    takes files. What lies there is executed, so the folder is the user's alone. Raises WrongUse as
+    :func:`runtime_folder` does.
+    """
+    home = Path(platformdirs.user_cache_dir("numba", appauthor=False))
+    if not any(map(_takes_files, (Path(__file__).with_name("__pycache__"), home))):
+        os.environ.setdefault("NUMBA_CACHE_DIR", str(runtime_folder() / "numba"))
+
+
+def _takes_files(folder: Path) -> bool:
+    """Return whether files can be made in a folder, or the folder itself."""
+    while not folder.exists():
+        folder = folder.parent
+    return folder.is_dir() and os.access(folder, os.W_OK)
 
 
 def refuse_folder(folder: Path, error: OSError) -> WrongUse:

@@ -1,4 +1,4 @@
-"""Benchmark the start: processor time of the help, and until the window is visible."""
+"""Benchmark the start: help, import and first demo of an installed wheel, and the window."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from typing import Any
+
+from tests.installed import build_wheel, install
 
 ROUNDS = 5
 MOST_HELPS, MOST_WINDOWS = 1.0, 3.75
@@ -77,10 +81,18 @@ LIVE_NOTE = (
     "from the start of Python until the window has the first samples of a virtual rig whose engine "
     "it has started; wall time, median of 5; target 2.5 s"
 )
+FIRST = {
+    "import": (["python", "-c", "import rigctl"], 0.1),
+    "help": (["rigctl", "--help"], 0.3),
+    "demo": (["rigctl", "demo", "--no-window"], 40.0),
+}
+"""What a stranger begins with, and how long each may take, in s."""
+FIRST_NOTE = "the first one of a newly installed wheel, in an empty home; user and system time"
 
 
 def measure() -> Iterator[dict[str, Any]]:
-    """Yield ``start.help_s``, ``start.window_s`` and ``start.live_s``."""
+    """Yield the rows ``start.*``."""
+    yield from _measure_first()
     help_s, pip_s = _in_turns((HELP, "rigctl"), (HELP, "pip"))
     yield _row("start.help_s", help_s, "pip --help", pip_s, MOST_HELPS, HELP_NOTE)
     window_s, examples_s = _in_turns((WINDOW, ""), (EXAMPLES, ""))
@@ -88,6 +100,20 @@ def measure() -> Iterator[dict[str, Any]]:
     yield _row("start.window_s", window_s, peer, examples_s, MOST_WINDOWS, WINDOW_NOTE)
     live_s = round(median([_until_live_s() for _ in range(ROUNDS + 1)][1:]), 3)
     yield {"name": "start.live_s", "value": live_s, "unit": "s", "note": LIVE_NOTE}
+
+
+def _measure_first() -> Iterator[dict[str, Any]]:
+    """Yield ``start.first_*_s``, with empty caches."""
+    with TemporaryDirectory() as folder:
+        installed = install(build_wheel(Path(folder)), Path(folder))
+        for name, (words, most_s) in FIRST.items():
+            before = os.times()
+            ran = installed.run(*words)
+            now = os.times()
+            assert ran.returncode == 0, ran
+            used_s = now.children_user + now.children_system - sum(before[2:4])
+            row = {"name": f"start.first_{name}_s", "value": round(used_s, 3), "unit": "s"}
+            yield row | {"limit": most_s, "note": FIRST_NOTE}
 
 
 def _in_turns(*programs: tuple[str, str]) -> list[float]:
