@@ -17,7 +17,7 @@ from gui.live.plot_process import CALL_S, FORM, LOAD_S, SHOWN, Answer
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.plot_axes import PlotGrid, label_axis, time_plot, time_ticks, title_plot
+from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, label_axis, time_plot, time_ticks, title_plot
 from gui.widgets.theme import Theme
 from gui.widgets.typed_paths import typed_path
 from rigctl.values import SAMPLE_RATE_HZ
@@ -62,7 +62,7 @@ class CurvePlots(PlotGrid):
         for plot in self.plots.values():
             plot.setXRange(-SHOWN / SAMPLE_RATE_HZ, 0, padding=0)
             plot.getAxis("bottom").setTicks([time_ticks(-SHOWN / SAMPLE_RATE_HZ, 0)])
-        self.reserve_plots(0, *[_LEAST_PLOT_PX] * len(kinds))
+        self.reserve_plots(0, *[_LEAST_PLOT_PX] * (len(kinds) - 1), _LEAST_PLOT_PX + BOTTOM_PX)
         self.cells.setGeometry(self.graphics.range)  # an empty one has shrunk
         self.set_theme(self.theme)
 
