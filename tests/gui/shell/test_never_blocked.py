@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QPushButton
 
 from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.task_values import SessionTable, TrialData
@@ -28,7 +28,7 @@ from rigctl.synth.sample_session import MAKING
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.made_trials import made_trial
-from tests.gui.rig_window import rig_window
+from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import Harness, SharedWindow, click, press_escape
 from tests.gui.texts.results_scenes import ORIGIN, largest_accuracy, largest_confusion
 from tests.gui.watchdog.qt_thread import QtThreadWatchdog
@@ -263,14 +263,24 @@ def served_boards(folder: Path) -> Iterator[tuple[Path, int]]:
             process.send_signal(signal.SIGINT)
 
 
+def _arm(rig: RigWindow) -> None:
+    """Arm the drum, again where a busy computer let the boards stall before their time."""
+    window = rig.window
+    buttons = [window.operate_panel.buttons[name] for name in ("clear_fault", "arm")]
+    while rig.status.state is not State.ARMED:
+        for button in filter(QPushButton.isEnabled, buttons):
+            click(button)
+        rig.until(lambda: not window.engine_link.is_waiting)
+        rig.until(lambda: rig.status.state is State.ARMED or any(b.isEnabled() for b in buttons))
+
+
 def test_boards_that_stall_on_their_ports(
     qapp: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
 ) -> None:
     """Both boards stop again and again; the drum calls it a fault, and at last the link is lost."""
     with served_boards(tmp_path) as (file, boards), rig_window(qapp, str(file), tmp_path) as rig:
         window, link = rig.window, rig.window.engine_link
-        rig.press("arm")
-        rig.until_state(State.ARMED)
+        _arm(rig)
         for _ in range(3):
             os.kill(boards, signal.SIGSTOP)
             watchdog.run_until(lambda: link.status.poll_age_s > SLOW_S)
