@@ -95,9 +95,9 @@ class Terminals:
 @pytest.fixture
 def terminals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminals]:
     for module in (drum_module, taxels_module, finger_module):
-        monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 1.0)
+        monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 3.0)
     monkeypatch.setattr(boot_silence, "AFTER_OPEN_S", 0.3)
-    monkeypatch.setattr(boot_silence, "ASK_S", 1.0)
+    monkeypatch.setattr(boot_silence, "ASK_S", 3.0)  # on a busy computer
     there = Terminals()
     yield there
     there.close()
