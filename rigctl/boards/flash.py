@@ -112,13 +112,13 @@ SYNC_ATTEMPTS = 6
 """An Uno's bootloader blinks for a third of a second before it listens."""
 
 _GET_SYNC, _READ_SIGNATURE = b"0 ", b"u "
-_IN_SYNC, _SIGNATURE = re.compile(b"(\x14\x10)"), re.compile(b"\x14(\x1e..)\x10", re.DOTALL)
+_IN_SYNC, _SIGNATURE = re.compile(b"\x14\x10"), re.compile(b"\x14\x1e..\x10", re.DOTALL)
 """STK500, AVR061: in sync, the answer, OK. Atmel's signatures begin with 1e."""
 _MESSAGE_START, _TOKEN = 0x1B, 0x0E
 _SIGN_ON, _SPI_MULTI = 0x01, 0x1D
-_SIGNED_ON = re.compile(b"\x1b\x01\x00.\x0e(\x01\x00)", re.DOTALL)
-_SIGNATURE_BYTE = re.compile(b"\x1b\x01\x00.\x0e\x1d\x00...(.)\x00", re.DOTALL)
-"""STK500 version 2, AVR068: start, number, size, token, command, status."""
+_SIGNED_ON = re.compile(b"\x1b\x01\x00\x0b\x0e\x01\x00.{10}", re.DOTALL)
+_SIGNATURE_BYTE = re.compile(b"\x1b\x01\x00\x07\x0e\x1d\x00....\x00.", re.DOTALL)
+"""STK500 version 2, AVR068: start, number, size, token, command, status, answer, checksum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +163,7 @@ class _Line:
         link.open(self._take, lambda reason: self._changed.set())
 
     async def ask(self, request: bytes, answer: re.Pattern[bytes]) -> bytes | None:
-        """Return what the ``answer`` has in its group; None where it does not come in time.
+        """Return what fits the ``answer``; None where it does not come in time.
 
         It may come behind late answers to earlier requests, as on a busy computer.
         """
@@ -176,7 +176,7 @@ class _Line:
                     await self._changed.wait()
         except TimeoutError:
             return None
-        return found[1]
+        return found[0]
 
     def _take(self, data: bytes, at_s: float) -> None:
         self._received += data
@@ -186,17 +186,24 @@ class _Line:
 async def _ask_v1(line: _Line) -> bytes | None:
     for _ in range(SYNC_ATTEMPTS):
         if await line.ask(_GET_SYNC, _IN_SYNC):
-            return await line.ask(_READ_SIGNATURE, _SIGNATURE)
+            answer = await line.ask(_READ_SIGNATURE, _SIGNATURE)
+            return answer and answer[1:4]
     return None
 
 
 async def _ask_v2(line: _Line) -> bytes | None:
     for _ in range(SYNC_ATTEMPTS):
-        if await line.ask(_message(_SIGN_ON), _SIGNED_ON):
+        if _is_whole(await line.ask(_message(_SIGN_ON), _SIGNED_ON) or b""):
             requests = (_message(_SPI_MULTI, 4, 4, 0, 0x30, 0, index, 0) for index in range(3))
-            answers = [await line.ask(request, _SIGNATURE_BYTE) for request in requests]
-            return None if None in answers else b"".join(filter(None, answers))
+            answers = [await line.ask(request, _SIGNATURE_BYTE) or b"" for request in requests]
+            is_whole = all(map(_is_whole, answers))
+            return b"".join(each[10:11] for each in answers) if is_whole else None
     return None
+
+
+def _is_whole(message: bytes) -> bool:
+    """Return whether a message has come, and its checksum is right."""
+    return bool(message) and not reduce(xor, message)
 
 
 def _message(*body: int) -> bytes:
