@@ -155,9 +155,8 @@ def run(args: argparse.Namespace) -> int:
     for link in (link for peer in window.peers for link in peer.links):
         for sentence in link.left_running:
             print(f"rigctl-gui: {visible(sentence)}", file=sys.stderr)
-    delete(
-        window.window()
-    )  # while there is an application: widgets that outlive it crash Python's end
+    # While there is an application: widgets that outlive it crash Python's end.
+    delete(window.window())
     return code
 
 

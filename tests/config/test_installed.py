@@ -18,12 +18,13 @@ from tests.installed import ROOT, Installed, build_wheel, command_blocks, instal
 ASK = """
 from pathlib import Path
 from rigctl.config import resources
+from rigctl.errors import RigctlError
 from rigctl.protocol.loader import load_protocol
 print(resources.__file__)
 print(len(load_protocol(resources.find_protocol("paper")).plan().trials))
 try:
     resources.firmware_image("drum")
-except Exception as error:
+except RigctlError as error:
     print(error)
 from rigctl.bench.boards.drum_firmware import DrumFirmware
 from rigctl.bench.boards.taxels import TaxelFirmware
