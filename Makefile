@@ -118,10 +118,11 @@ orders: boards
 	@mkdir -p $(ORDERS)
 	@for seed in $(SEEDS); do \
 	  name=$(REPEATS)-seed-$$seed; \
+	  test -d $(ORDERS)/$$name && continue; \
 	  test -d $(ORDERS)/set-$$name || $(BIN)/rigctl synth --plan protocols/paper.toml \
 	    $(if $(WORLD),--world $(WORLD)) --repeats $(REPEATS) --seed $$seed \
 	    --out $(ORDERS)/set-$$name || exit $$?; \
-	  test -d $(ORDERS)/$$name || $(BIN)/rigctl analyse $(ORDERS)/set-$$name \
+	  $(BIN)/rigctl analyse $(ORDERS)/set-$$name \
 	    --out $(ORDERS)/$$name $(ORDERS_ARGS) || exit $$?; \
 	done
 	@rm -rf $(ORDERS)/page
