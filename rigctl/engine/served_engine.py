@@ -315,7 +315,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     def _tell_late(self, late_s: float) -> None:
         """Publish that the loop itself stood still, and the boards went on without it."""
         if late_s > LATE_S:
-            text = f"this computer was asleep or too busy for {late_s:.2g} s"
+            text = f"this computer was asleep or too busy for {late_s:,.1f} s"
             self.event_bus.publish("late", text, late_s=round(late_s, 3))
 
     def _serve_boards(self) -> None:

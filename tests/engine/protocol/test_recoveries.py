@@ -110,6 +110,8 @@ def test_a_run_goes_on_after_the_computer_slept(harness: EngineHarness, seconds:
     check_repeated(harness)
     (late,) = [event for event in harness.events if event.kind == "late"]
     assert late.data["late_s"] == pytest.approx(seconds, abs=0.15)
+    told_s = late.text.removeprefix("this computer was asleep or too busy for ").removesuffix(" s")
+    assert float(told_s) == pytest.approx(seconds, abs=0.2) and "e" not in told_s
 
 
 def test_a_stall_while_the_run_is_paused_asks_nobody(harness: EngineHarness) -> None:
