@@ -198,7 +198,7 @@ def _shown_window(theme: str | None) -> MainWindow:
 
     from gui.shell.help_page import REPORTS, CrashReporter
     from gui.shell.main_window import MainWindow
-    from gui.shell.rigs_window import add_rig
+    from gui.shell.rigs_window import connect_menu
     from gui.shell.user_settings import UserSettings
     from gui.widgets.theme import ThemeChoice
 
@@ -211,9 +211,9 @@ def _shown_window(theme: str | None) -> MainWindow:
     kept = settings.value("theme", ThemeChoice.SYSTEM.name, themes.__contains__)
     window = MainWindow(choice=themes[(theme or kept).upper()], settings=settings)
     crashes = CrashReporter(settings.folder / REPORTS, window.event_log.toPlainText)
-    crashes.reported.connect(window.report)
+    crashes.reported.connect(lambda *said: window.peers[0].report(*said))
     crashes.install()
-    window.rig_wanted.connect(partial(add_rig, window))
+    connect_menu(window)
     window.show()
     if complaint := screen_complaint(*window.screen().availableSize().toTuple()):
         window.report("check", complaint)

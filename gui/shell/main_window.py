@@ -302,6 +302,8 @@ class MainWindow(SteadyFocusWindow):
 
     rig_wanted = Signal()
     """The user wants a further rig in the same window."""
+    rig_unwanted = Signal()
+    """The user wants this rig out of a window of several."""
 
     def __init__(
         self,
@@ -575,6 +577,8 @@ class MainWindow(SteadyFocusWindow):
         add_rig_menu(menus, self.drum, stop=self.stop, list_engines=engines)
         tip = "Show a further rig in this window, on a page of its own and with a STOP of its own"
         menus.add("Rig", "Add a ri&g to this window", self.rig_wanted.emit, tip=tip)
+        tip = "Close the page of this rig, which is disconnected; the others stay"
+        menus.add("Rig", "Re&move this rig", self.rig_unwanted.emit, tip=tip)
         self.rigs = RecentRigs(menus, self.settings, self.toolbar)
         self.engine_link.opened.connect(self.rigs.remember_connected)
         panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)

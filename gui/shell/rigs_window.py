@@ -30,6 +30,8 @@ NOT_AT_REST = (
     "a rig is added once the others are at rest, lifted and without a run: it keeps the window "
     "busy for a second or two, and STOP with it"
 )
+LAST_RIG = "this is the last rig of the window: close the window"
+STAYS = "a rig leaves the window once it is disconnected and the others are at rest"
 
 
 class RigCell(QFrame):
@@ -39,7 +41,7 @@ class RigCell(QFrame):
         super().__init__()
         self.setProperty("role", "heading")
         self.setMinimumWidth(LEAST_CELL_PX)
-        self._number, self._window = number, window
+        self.number, self._window = number, window
         self.lamp, self.state, self.stop = StatusLamp(18), ElidedLabel(role="heading"), StopButton()
         self.name = push_button("", lambda: None)
         self.name.setCheckable(True)
@@ -54,10 +56,10 @@ class RigCell(QFrame):
 
     def refresh(self) -> None:
         """Show what the rig's own heading has, behind its alarm if there is one."""
-        name = f"{self._number} {rig_name(self._window)}"
+        name = f"{self.number} {rig_name(self._window)}"
         if self.name.text() != name:
             self.name.setText(name)
-            self.name.setToolTip(plain_tooltip(f"Show {name} (Alt+{self._number})"))
+            self.name.setToolTip(plain_tooltip(f"Show {name} (Alt+{self.number})"))
             self.stop.setAccessibleName(f"STOP {name}")
         level, words = rig_state(self._window)
         self.lamp.set_level(level)
@@ -117,6 +119,18 @@ class RigsWindow(SteadyFocusWindow):
         window.peers = self.windows
         self._take(window)
 
+    def remove(self, window: MainWindow) -> None:
+        """Close the page of a rig; the others keep their numbers.
+
+        It stays unseen until the end: what listens to the whole program still refers to it.
+        """
+        cell = self.cells.pop(self.windows.index(window))
+        self.windows.remove(window)
+        cell.deleteLater()
+        self._pages.removeWidget(window)
+        window.close()
+        self.show_rig(self.windows[0])
+
     def show_rig(self, window: MainWindow) -> None:
         """Show the page of a rig."""
         self._pages.setCurrentWidget(window)
@@ -137,13 +151,14 @@ class RigsWindow(SteadyFocusWindow):
 
     def _take(self, window: MainWindow) -> None:
         """Take a window as a page."""
-        cell = RigCell(len(self.cells) + 1, window)
+        free = set(range(1, MOST_RIGS + 1)) - {cell.number for cell in self.cells}
+        cell = RigCell(min(free), window)
         cell.name.clicked.connect(partial(self.show_rig, window))
         self.cells.append(cell)
         self._names.addButton(cell.name)
         self._row.addWidget(cell)
-        by_key = QAction(self)
-        by_key.setShortcut(f"Alt+{len(self.cells)}")
+        by_key = QAction(cell)
+        by_key.setShortcut(f"Alt+{cell.number}")
         by_key.triggered.connect(cell.name.click)
         self.addAction(by_key)
         window.menuBar().setNativeMenuBar(False)
@@ -171,4 +186,21 @@ def add_rig(window: MainWindow) -> None:
     rigs.add(further)
     further.analysis_tab.prepare()
     further.prepare()
-    further.rig_wanted.connect(partial(add_rig, further))
+    connect_menu(further)
+
+
+def remove_rig(window: MainWindow) -> None:
+    """Close a rig's page, unless it is connected, another one moves, or it is the only one."""
+    rigs = window.window()
+    if not isinstance(rigs, RigsWindow) or len(window.peers) == 1:
+        window.report("refused", LAST_RIG)
+    elif any(link.is_connected for link in window.links) or not window.is_at_rest():
+        window.report("refused", STAYS)
+    else:
+        rigs.remove(window)
+
+
+def connect_menu(window: MainWindow) -> None:
+    """Let the menu of a window add rigs to it and remove them."""
+    window.rig_wanted.connect(partial(add_rig, window))
+    window.rig_unwanted.connect(partial(remove_rig, window))

@@ -12,7 +12,7 @@ from typing import Any
 
 from tests.benchmarks.recording.table import SET, ensure_set
 
-FORMATS = {"nwb": "x.nwb", "matlab": "x.mat", "parquet": "x", "csv": "x"}
+FORMATS = {"nwb": "x.nwb", "matlab": "x.mat", "parquet": "x", "csv": "x", "neo": "x.nix"}
 MOST_MIB = 1024.0
 PROGRAM = """
 import resource, sys

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.shell.rigs_window import RigCell, RigsWindow, add_rig
+from gui.shell.rigs_window import RigCell, RigsWindow, connect_menu
 from gui.widgets.labels import Level
 from gui.widgets.theme import ThemeChoice
 from rigctl.boards.drum_states import State
@@ -23,7 +22,7 @@ from tests.gui.rig_window import RigWindow, opened_window
 from tests.gui.running_engine import LONG
 from tests.gui.steps import click, press_escape
 
-ADD = "Add a ri&g to this window"
+ADD, REMOVE = "Add a ri&g to this window", "Re&move this rig"
 
 
 class Rigs(NamedTuple):
@@ -47,9 +46,9 @@ class Rigs(NamedTuple):
             rig.until_state(State.HOLD)
 
 
-def _add(rig: RigWindow) -> None:
+def _choose(rig: RigWindow, text: str) -> None:
     actions = {action.text(): action for _, action in rig.window.menus.actions()}
-    actions[ADD].trigger()
+    actions[text].trigger()
 
 
 @pytest.fixture(scope="module")
@@ -62,10 +61,10 @@ def rigs(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(folder))
         with opened_window() as left:
-            left.window.rig_wanted.connect(partial(add_rig, left.window))
+            connect_menu(left.window)
             assert left.window.isWindow(), "one rig has no strip"
             left.connect(str(folder / "left.toml"))
-            _add(left)
+            _choose(left, ADD)
             whole = left.window.window()
             assert isinstance(whole, RigsWindow)
             right = RigWindow(whole.windows[1])
@@ -92,7 +91,7 @@ def test_each_stop_stops_its_rig_alone_and_escape_both(rigs: Rigs) -> None:
     assert [rigs.cell(rig).name.text() for rig in (left, right)] == ["1 left", "2 right"]
     assert _state(rigs.cell(left)) == _state(rigs.cell(right))
     assert _state(rigs.cell(left))[0] is Level.OK and "HOLD" in _state(rigs.cell(left))[1]
-    _add(right)
+    _choose(right, ADD)
     assert "once the others are at rest" in right.log and len(rigs.whole.cells) == 2
     click(rigs.cell(left).stop)
     left.until_state(State.ARMED)
@@ -146,6 +145,25 @@ def test_a_rig_whose_engine_hangs_and_dies_leaves_the_other_alone(rigs: Rigs) ->
     right.until_state(State.ARMED)
     left.connect(engine.rig)
     assert _state(rigs.cell(left))[0] is Level.OK
+
+
+def test_a_disconnected_rig_leaves_the_window_and_its_number_is_free(rigs: Rigs) -> None:
+    left, right, whole = rigs.left, rigs.right, rigs.whole
+    _choose(right, REMOVE)
+    assert "once it is disconnected" in right.log and len(whole.cells) == 2
+    _choose(left, ADD)
+    third = RigWindow(whole.windows[2])
+    third.connect("virtual")
+    click(third.window.toolbar.connect_button)
+    third.until(lambda: not third.window.engine_link.is_connected)
+    _choose(third, REMOVE)
+    assert whole.windows == [left.window, right.window], third.log
+    _choose(left, ADD)
+    assert [cell.number for cell in whole.cells] == [1, 2, 3]
+    _choose(RigWindow(whole.windows[2]), REMOVE)
+    click(rigs.cell(right).name)
+    assert right.window.isVisible()
+    assert all(rig.window.engine_link.is_connected for rig in (left, right))
 
 
 def test_closing_asks_about_the_run_of_each_rig(rigs: Rigs, tmp_path: Path) -> None:
