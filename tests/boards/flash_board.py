@@ -35,7 +35,8 @@ class FlashBoard:
     """One board; leaving the context frees it.
 
     ``on_bytes`` is called when bytes have come, ``times_opened`` counts how often the host has
-    opened the port. A board that is ``deaf`` has a cable that carries nothing.
+    opened the port. A board that is ``deaf`` has a cable that carries nothing; ``carry`` is what
+    the cable makes of the board's bytes.
     """
 
     def __init__(self, image: Path, kind: Kind, bootloader: Path) -> None:
@@ -51,6 +52,7 @@ class FlashBoard:
         self.bytes_received = 0
         self.on_bytes: Callable[[], None] = lambda: None
         self.deaf = False
+        self.carry: Callable[[bytes], bytes] = bytes
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve)
 
@@ -92,7 +94,7 @@ class FlashBoard:
         self.chip.io.host_byte_q16 = round(HZ * 10 / baud * 65536)
         while (cycle := int(self.chip.io.cycle)) < until and not self._stop.is_set():
             self.chip.run(min(until, cycle + int(SLICE_S * HZ)))
-            data = self.chip.tx[: self.chip.io.tx_count].tobytes()
+            data = self.carry(self.chip.tx[: self.chip.io.tx_count].tobytes())
             if is_open and data and not self.deaf:
                 try:
                     os.write(self.master, data)

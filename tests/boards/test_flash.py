@@ -13,7 +13,14 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from rigctl.bench.chips.simavr import Kind
 from rigctl.boards import flash
-from rigctl.boards.flash import ATMEGA2560, WAIT_FOR_EVER, find_port, guarded_parts, write_image
+from rigctl.boards.flash import (
+    ATMEGA2560,
+    WAIT_FOR_EVER,
+    ask_signature,
+    find_port,
+    guarded_parts,
+    write_image,
+)
 from rigctl.boards.flash import MEGA as MEGA_KIND
 from rigctl.cli import main
 from rigctl.config.intel_hex import Segments, format_intel_hex, parse_intel_hex
@@ -113,6 +120,17 @@ def test_the_board_is_found_by_its_name_else_by_the_signature_of_its_chip(
         ports[1:] = []
         with pytest.raises(LinkLost, match="no bootloader of an ATmega328P answered: plug the"):
             find("taxels")
+
+
+def test_a_damaged_message_of_a_mega_names_no_chip() -> None:
+    async def ask() -> bytes | None:
+        return await ask_signature(there.port, MEGA_KIND, asyncio.get_running_loop())
+
+    with new_board("drum", MEGA) as there:
+        there.carry = lambda data: data.replace(ATMEGA2560[1:2], b"\x99")
+        assert asyncio.run(ask()) is None
+        there.carry = bytes
+        assert asyncio.run(ask()) == ATMEGA2560
 
 
 def test_an_interrupted_flash_begins_again(
