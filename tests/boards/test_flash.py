@@ -127,10 +127,10 @@ def test_a_damaged_message_of_a_mega_names_no_chip() -> None:
         return await ask_signature(there.port, MEGA_KIND, asyncio.get_running_loop())
 
     with new_board("drum", MEGA) as there:
-        there.carry = lambda data: data.replace(ATMEGA2560[1:2], b"\x99")
+        there.carry = lambda data: data.replace(ATMEGA2560.signature[1:2], b"\x99")
         assert asyncio.run(ask()) is None
         there.carry = bytes
-        assert asyncio.run(ask()) == ATMEGA2560
+        assert asyncio.run(ask()) == ATMEGA2560.signature
 
 
 def test_an_interrupted_flash_begins_again(
