@@ -268,7 +268,8 @@ $(WHEELS)/.ready: tools/wheels.txt
 	@touch $@
 
 wheels: boards site $(WHEELS)/.ready
-	@sh .ci/debian-packages $(DEBIAN_FIRMWARE) $(if $(filter x86_64,$(shell uname -m)),wine64)
+	@sh .ci/debian-packages $(DEBIAN_FIRMWARE) \
+	  $(if $(filter x86_64,$(shell uname -m)),wine64 qemu-user libc6-arm64-cross)
 	$(SAY) "wheels of $(PLATFORMS) in dist/"
 	@rm -rf dist
 	@for platform in $(PLATFORMS); do \

@@ -1,8 +1,8 @@
 """Check wheels as far as any one computer can: contents, processor, symbols and libraries needed.
 
 ``python -m tools.check_wheels FOLDER`` prints a line a wheel and exits with 1 where one is wrong.
-Where there is Wine, the boards of Windows run there for a second, and must do what those of Linux
-do. A wheel that passes has still to be run on its own system.
+Where there are Wine and QEMU, the boards of Windows and of Linux on ARM run there for a second, and
+must do what those of this computer do. A wheel that passes has still to be run on its own system.
 """
 
 from __future__ import annotations
@@ -51,6 +51,14 @@ SYSTEM_LIBRARIES = re.compile(
     r"|(?i:kernel32|ntdll|msvcrt|api-ms-win-crt-.*)\.dll"
 )
 WINE = shutil.which("wine64") or shutil.which("wine64", path="/usr/lib/wine")
+QEMU = shutil.which("qemu-aarch64")
+EMULATED: dict[str, tuple[str, list[str | None]]] = {
+    "win_amd64": ("x86_64-windows-gnu", [WINE]),
+    "manylinux_2_17_aarch64": ("aarch64-linux-gnu.2.17", [QEMU, "-L", "/usr/aarch64-linux-gnu"]),
+}
+"""Of a wheel's platform: Zig's target, and the words before a program of it, None without it."""
+POLL = bytes.fromhex("0103001000284411")
+"""The request with which the engine polls the drum."""
 Library = tuple[str, set[str], set[str]]
 """Of a compiled library: its processor, the libraries that it needs, the symbols it exports."""
 
@@ -126,18 +134,19 @@ def read_mach(content: bytes) -> Library:
     return MACH_MACHINES[header.header.cputype], needed, exports
 
 
-def differing_boards(windows: Path, wine: str) -> Iterator[str]:
-    """Yield a sentence for each board of Windows that does something else here under Wine."""
-    with TemporaryDirectory() as name, zipfile.ZipFile(windows) as file:
+def differing_boards(wheel: Path, target: str, emulator: list[str]) -> Iterator[str]:
+    """Yield a sentence for each board of a wheel that does something else here, emulated."""
+    with TemporaryDirectory() as name, zipfile.ZipFile(wheel) as file:
         program = Path(name) / "run_board.exe"
         source = ROOT / "tools" / "run_board.c"
-        compiler = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-windows-gnu"]
+        compiler = [sys.executable, "-m", "ziglang", "cc", "-target", target]
         subprocess.run([*compiler, str(source), "-o", str(program)], check=True)
         environment = os.environ | {"WINEPREFIX": f"{name}/wine", "WINEDEBUG": "-all"}
-        for board in BOARDS:
-            library = Path(name) / f"virtual-{board}.dll"
-            library.write_bytes(file.read(f"rigctl/_data/boards/{library.name}"))
-            command = [wine, str(program), library.name, board]
+        for place in (one for one in file.namelist() if one.startswith("rigctl/_data/boards/")):
+            library = Path(name) / Path(place).name
+            library.write_bytes(file.read(place))
+            board = library.stem.removeprefix("virtual-")
+            command = [*emulator, str(program), f"./{library.name}", board]
             ran = subprocess.run(command, cwd=name, env=environment, capture_output=True)
             if ran.returncode or ran.stdout != run_here(board):
                 yield f"{library.name} ends with {ran.returncode} and differs from this computer's"
@@ -152,8 +161,13 @@ def run_here(board: str) -> bytes:
     content = call["io"](handle)
     call["boot"](handle, 1)
     readings = (ctypes.c_uint16 * 1800)(*(i * 7 % 1024 for i in range(1800)))
-    words = {"taxels": (readings, 100), "drum": (ctypes.c_int64(16_000_000),), "finger": (1000,)}
-    call["run"](handle, *words[board])
+    if board == "drum":
+        half, end = ctypes.c_int64(8_000_000), ctypes.c_int64(16_000_000)
+        call["run"](handle, half)
+        library.drum_receive(handle, POLL, len(POLL), half)
+        call["run"](handle, end)
+    else:
+        call["run"](handle, *{"taxels": (readings, 100), "finger": (1000,)}[board])
     return ctypes.string_at(content, getattr(library, f"{board}_io_size")())
 
 
@@ -162,9 +176,11 @@ def main(folder: str) -> int:
     wheels = sorted(Path(folder).glob("*.whl"))
     found = {wheel: list(complaints(wheel)) for wheel in wheels}
     for wheel in wheels:
-        if WINE and wheel.stem.endswith("win_amd64"):
-            found[wheel] += differing_boards(wheel, WINE)
-            print(f"{wheel.name}: its boards have run under {WINE}")
+        target, words = EMULATED.get(wheel.stem.split("-")[-1], ("", [None]))
+        if None not in words:
+            emulator = [word for word in words if word is not None]
+            found[wheel] += differing_boards(wheel, target, emulator)
+            print(f"{wheel.name}: its boards have run under {Path(emulator[0]).name}")
     for wheel, wrong in found.items():
         print(f"{wheel.name}  {wheel.stat().st_size / 1e6:.1f} MB  {'; '.join(wrong) or 'right'}")
     return 1 if not wheels or any(found.values()) else 0
