@@ -20,7 +20,7 @@ from shiboken6 import isValid
 
 from gui.widgets.labels import StopButton
 from gui.widgets.layouts import container, hbox, vbox
-from gui.widgets.theme import text_scale
+from gui.widgets.theme import scaled_px, text_scale
 
 _LEAST_PX, _WIDER_PX, _LOWER_PX, _LOWEST_PX = QSize(400, 360), 380, 440, 200
 """What a page is left in a small window. Texts twice as large make it so much wider and lower:
@@ -299,7 +299,7 @@ class DockArea(QMainWindow):
         self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
         self.setCentralWidget(middle)
         self.docks: dict[str, QDockWidget] = {}
-        self._first_layout, self._has_first_sizes = b"", False
+        self._first_layout, self._text_scale = b"", 0.0
         self._asked_px: dict[str, int] = {}
         self._given_px: dict[str, int] = {}
         self._sizes_px: dict[str, tuple[int, Qt.Orientation]] = {}
@@ -389,8 +389,7 @@ class DockArea(QMainWindow):
     def reset(self) -> None:
         """Return to the layout of the first start."""
         self.restore(self._first_layout)
-        if not self._has_first_sizes:
-            self._take_first_sizes()
+        self._take_first_sizes()
 
     def save(self) -> bytes:
         """Return the layout."""
@@ -406,9 +405,18 @@ class DockArea(QMainWindow):
         super().showEvent(event)
         if not self._first_layout:
             self._take_first_sizes()
-            self._has_first_sizes = True
             self._keep_first()
+            QTimer.singleShot(0, self, self._take_first_sizes)  # a page has its width only then
+        self._text_scale = self._text_scale or text_scale()
+        if self._text_scale != text_scale():  # another rig's page was in front of this one
+            QTimer.singleShot(0, self, lambda: self.follow_texts(self.asked_widths_px()))
         self._raise_floating()
+
+    def follow_texts(self, widths_px: Mapping[str, int]) -> None:
+        """Give panels the widths that they had, in proportion to the new size of the texts."""
+        factor = text_scale() / (self._text_scale or text_scale())
+        self._text_scale = text_scale()
+        self.set_side_widths({name: round(px * factor) for name, px in widths_px.items()})
 
     def _keep_first(self) -> None:
         """Keep the layout that no user has changed, for :meth:`reset`."""
@@ -416,7 +424,7 @@ class DockArea(QMainWindow):
 
     def _take_first_sizes(self) -> None:
         for name, (size_px, orientation) in self._sizes_px.items():
-            self.resizeDocks([self.docks[name]], [size_px], orientation)
+            self.resizeDocks([self.docks[name]], [scaled_px(size_px)], orientation)
 
     def _raise_floating(self) -> None:
         """Keep panels that float before the window, also those of a layout that was restored."""

@@ -106,14 +106,13 @@ class Appearance(QObject):
 
     def set_text_size(self, percent: int) -> None:
         """Show all texts larger or smaller, in percent of the usual size."""
-        before, widths_px = self._text_percent(), self._docks.asked_widths_px()
+        widths_px = self._docks.asked_widths_px()
         self._settings.set_value("text_percent", percent)
         scale_texts(percent / 100)
         self.set_theme(self.choice)
         for layout in self._docks.window().findChildren(QLayout):
             layout.invalidate()  # what is hidden would keep the room of the texts before
-        widths_px = {name: round(px * percent / before) for name, px in widths_px.items()}
-        self._docks.set_side_widths(widths_px)
+        self._docks.follow_texts(widths_px)
 
     def take(self, other: Appearance) -> None:
         """Mark what was chosen in the page of another rig."""

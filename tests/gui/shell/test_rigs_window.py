@@ -13,6 +13,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
+from gui.shell.main_window import LEFT_PX
 from gui.shell.rigs_window import RigCell, RigsWindow, connect_menu
 from gui.widgets.labels import Level
 from gui.widgets.theme import ThemeChoice
@@ -21,6 +22,7 @@ from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from tests.gui.rig_window import RigWindow, opened_window
 from tests.gui.running_engine import LONG
 from tests.gui.steps import click, press_escape
+from tests.gui.texts.cut import cut_texts
 
 ADD, REMOVE = "Add a ri&g to this window", "Re&move this rig"
 
@@ -122,6 +124,23 @@ def test_a_theme_is_that_of_all_rigs(rigs: Rigs) -> None:
     assert rigs.right.window.appearance.theme.name == "dark"
     rigs.right.window.set_theme(ThemeChoice.LIGHT)
     assert rigs.left.window.appearance.theme.name == "light"
+
+
+def test_large_texts_have_room_on_every_page_and_in_the_strip(rigs: Rigs) -> None:
+    whole, left, right = rigs
+    before = whole.size()
+    click(rigs.cell(right).name)
+    left.until(lambda: right.window.is_at_rest())
+    right.window.set_text_size(150)
+    whole.resize(1280, 800)
+    for rig in (left, right):
+        click(rigs.cell(rig).name)
+        for _ in range(4):  # a wrapped text asks for its height once it has its width
+            QApplication.processEvents()
+        assert max(rig.window.docks.side_widths_px().values()) > 1.2 * LEFT_PX
+        assert not cut_texts(whole.strip)
+    left.window.set_text_size(100)
+    whole.resize(before)
 
 
 def test_a_rig_whose_engine_hangs_and_dies_leaves_the_other_alone(rigs: Rigs) -> None:

@@ -239,6 +239,12 @@ def test_a_layout_with_floating_panels_is_reset_after_a_restart(
     QApplication.processEvents()
     assert not any(each.isFloating() for each in again.docks.docks.values())
     assert again.docks.side_widths_px() == pytest.approx({"operate": LEFT_PX}, abs=20)
+    again.resize(1280, 800)
+    again.set_text_size(150)
+    again.docks.reset()
+    QApplication.processEvents()
+    assert again.docks.side_widths_px() == pytest.approx({"operate": 1.5 * LEFT_PX}, abs=30)
+    again.set_text_size(100)
 
 
 def test_a_window_whose_frame_hangs_off_the_screen_comes_onto_it(
