@@ -144,8 +144,9 @@ class OwnPlots(QWidget):
 
     def follow(self, live: str) -> None:
         """Take the live data of an engine, by their path; empty for none."""
-        self._live = live
-        self.restart()
+        if live != self._live:
+            self._live = live
+            self.restart()
 
     def poll(self) -> None:
         """Ask for the next curves if the last ones are there; once a frame."""

@@ -18,7 +18,9 @@ from typing import Any, BinaryIO
 import msgspec
 import numpy as np
 
-from rigctl.engine.live_file import LiveReader, TaxelWindow
+from rigctl.engine.live_file import LiveFileReader, LiveReader, TaxelWindow
+from rigctl.errors import RigFault
+from rigctl.finger.live_file import FingerLiveReader
 
 CALL_S, LOAD_S = 5.0, 60.0
 """A file that takes longer for a block, or to load with what it imports, is ended."""
@@ -53,7 +55,7 @@ def serve(path: str, live: Path, requests: BinaryIO, answers: BinaryIO) -> None:
         if not callable(function):
             raise TypeError(f"it has no {FUNCTION}(block)")
         faulthandler.cancel_dump_traceback_later()
-        for answer in _curves(function, LiveReader(live), requests, answers):
+        for answer in _curves(function, _open_live(live), requests, answers):
             answers.write(msgspec.json.encode(answer) + b"\n")
             answers.flush()
     except BaseException as error:  # noqa: BLE001 - whatever the user's file raises is shown
@@ -63,8 +65,16 @@ def serve(path: str, live: Path, requests: BinaryIO, answers: BinaryIO) -> None:
         answers.flush()
 
 
+def _open_live(path: Path) -> LiveFileReader:
+    """Open the live data of a drum or of a finger. Raises RigFault for another file."""
+    try:
+        return LiveReader(path)
+    except RigFault:
+        return FingerLiveReader(path)
+
+
 def _curves(
-    function: Callable[[TaxelWindow], Any], live: LiveReader, requests: BinaryIO, said: BinaryIO
+    function: Callable[[TaxelWindow], Any], live: LiveFileReader, requests: BinaryIO, said: BinaryIO
 ) -> Any:
     """Yield an answer for each request."""
     seen, units = live.taxel_head, None

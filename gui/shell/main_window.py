@@ -660,8 +660,9 @@ class MainWindow(SteadyFocusWindow):
         boxes = (self.toolbar.rig, self.toolbar.world)
         panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
         self.replay.view_changed.connect(self._show_view)
-        self.engine_link.opened.connect(self._follow_live)
-        self.engine_link.closed.connect(lambda _: self.own_plots.follow(""))
+        for link in self.links:
+            link.opened.connect(self._follow_live)
+            link.closed.connect(lambda _: self._follow_live())
         self.own_plots.changed.connect(self._show_view)
         strips = (self.own_plots, self.live_page.save_strip, self.live_page.encoder_strip)
         for widget in (*boxes, *panels, *strips, self.replay, self.tools):
@@ -697,8 +698,10 @@ class MainWindow(SteadyFocusWindow):
         self.operate_panel.bring_up.setup_requested.connect(self.tools.show_setup)
 
     def _follow_live(self) -> None:
-        engine = self.engine_link.engine
-        self.own_plots.follow(engine.live if engine is not None else "")
+        """Let own plots take the samples of the panel's rig, else of the other one."""
+        links = self.links[::-1] if self._panel == "finger" else self.links
+        live = [link.engine.live for link in links if link.is_connected and link.engine is not None]
+        self.own_plots.follow(live[0] if live else "")
 
     def _connect_sessions(self) -> None:
         """Let the list of sessions act in the panels."""
@@ -786,6 +789,7 @@ class MainWindow(SteadyFocusWindow):
         if name != "log" and name != self._panel:
             self._panel = name
             self.replay.leave()
+            self._follow_live()
             self._show_view()
 
     def is_at_rest(self) -> bool:
@@ -823,11 +827,11 @@ class MainWindow(SteadyFocusWindow):
         self.event_log.reset_colours()
 
     def _show_view(self) -> None:
-        views = {"analysis": self.analysis_tab.view, "finger": self.finger_tab.view}
+        live = self.finger_tab.view if self._panel == "finger" else self.live_page
+        views = {"analysis": self.analysis_tab.view}
         if self.protocol_panel.shows_page:
             views["protocol"] = self.protocol_panel.page
-        live = self.own_plots if self.own_plots.is_wanted else self.live_page
-        view = views.get(self._panel, live)
+        view = views.get(self._panel, self.own_plots if self.own_plots.is_wanted else live)
         self.stack.setCurrentWidget(self.replay.page if self.replay.is_shown else view)
         for pages in (self.toolbar.pages, self.health):
             pages.setCurrentIndex(int(self._panel == "finger"))

@@ -82,6 +82,12 @@ def test_calibration_leads_to_answers_while_the_finger_moves(
     wait_until(lambda: view.answer.state in ("right", "wrong", "unknown"), TIMEOUT_MS)
     assert view.plots.raster.ticks.any(axis=1).all()
     assert len(view.plots.shown_velocities_mm_s) >= 5 and len(view.plate.path_mm) > 50
+    own, curve = window.own_plots, tmp_path / "own.py"
+    curve.write_text("def curves(block):\n    return {'spikes': (block.spikes.sum(), 'spikes')}\n")
+    own.choose(str(curve))
+    wait_until(lambda: own.isVisible() and len(own.plots.values.get("spikes", ())) > 100)
+    click(own.back)
+    assert view.isVisible()
     wait_until(lambda: tab.link.status.run.classified == 1, TIMEOUT_MS)
     assert view.confusion.accuracy.text().endswith("guessing 50\u202f%)")
     _pause_and_stop(window)
