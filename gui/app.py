@@ -213,6 +213,7 @@ def _shown_window(theme: str | None) -> MainWindow:
     crashes = CrashReporter(settings.folder / REPORTS, window.event_log.toPlainText)
     crashes.reported.connect(lambda *said: window.peers[0].report(*said))
     crashes.install()
+    crashes.follow_native_code()
     connect_menu(window)
     window.show()
     if complaint := screen_complaint(*window.screen().availableSize().toTuple()):

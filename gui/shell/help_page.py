@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import faulthandler
 import platform
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from datetime import datetime
 from html import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
+from typing import TextIO
 
 from PySide6.QtCore import QObject, QUrl, Signal, qVersion
 from PySide6.QtGui import QDesktopServices
@@ -157,6 +160,8 @@ class HelpPage(QWidget):
 
 REPORTS = "crash-reports"
 """Folder of the reports, beside the settings."""
+NATIVE = "native-crash"
+"""File in that folder, for what Python cannot take; the next start makes a report of it."""
 MAX_REPORTS = 20
 """In a sitting: an error in a timer repeats thirty times a second."""
 
@@ -174,11 +179,27 @@ class CrashReporter(QObject):
         super().__init__()
         self._folder, self._read_log = folder, read_log
         self._seen: set[str] = set()
+        self._native: TextIO | None = None
+        """Kept open: faulthandler has its number only."""
 
     def install(self) -> None:
         """Take the errors that Python would print, of slots and of threads."""
         sys.excepthook = self.take
         threading.excepthook = self._take_of_thread
+
+    def follow_native_code(self) -> None:
+        """Report where native code, such as Qt's, ended a window before; note where it ends this.
+
+        A folder that takes no files is told with the settings, which are in it, too.
+        """
+        path = self._folder / NATIVE
+        with suppress(OSError):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            if path.exists() and (lines := path.read_text(encoding="utf-8", errors="replace")):
+                path.unlink()
+                self.reported.emit("failed", self._sentence(lines, "a window before this one"))
+            self._native = path.open("a", encoding="utf-8")
+            faulthandler.enable(self._native)
 
     def remove(self) -> None:
         """Leave the errors to Python again."""
@@ -200,14 +221,12 @@ class CrashReporter(QObject):
         if args.exc_value is not None:
             self.take(args.exc_type, args.exc_value, args.exc_traceback)
 
-    def _sentence(self, lines: str) -> str:
+    def _sentence(self, lines: str, what: str = "something in the window") -> str:
         try:
             path = self._write(lines)
         except OSError as error:
-            return f"something in the window failed, and its report could not be written ({error})"
-        return (
-            f"something in the window failed; please send its report to who looks after it: {path}"
-        )
+            return f"{what} failed, and its report could not be written ({error})"
+        return f"{what} failed; please send its report to who looks after it: {path}"
 
     def _write(self, lines: str) -> Path:
         self._folder.mkdir(parents=True, exist_ok=True)

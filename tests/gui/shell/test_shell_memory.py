@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -262,6 +264,33 @@ def test_a_window_whose_frame_hangs_off_the_screen_comes_onto_it(
     assert window.frameGeometry().size().height() <= room.height()
     window.close()
     window.deleteLater()
+
+
+def test_a_crash_of_native_code_is_reported_by_the_next_window(
+    qapp: QApplication, tmp_path: Path
+) -> None:
+    program = (
+        "import faulthandler, sys\n"
+        "from pathlib import Path\n"
+        "from gui.shell.help_page import CrashReporter\n"
+        "reporter = CrashReporter(Path(sys.argv[1]), str)\n"
+        "reporter.follow_native_code()\n"
+        "faulthandler._sigsegv()\n"
+    )
+    died = subprocess.run([sys.executable, "-c", program, str(tmp_path)], stderr=subprocess.PIPE)
+    assert died.returncode and not died.stderr
+    program = program.replace("faulthandler._sigsegv()\n", "")
+    program = program.replace(
+        "reporter.follow", "reporter.reported.connect(print)\nreporter.follow"
+    )
+    words = [sys.executable, "-c", program, str(tmp_path)]
+    first, second = (subprocess.check_output(words, text=True) for _ in range(2))
+    (report,) = tmp_path.glob("rigctl-crash-*.txt")
+    assert (
+        f"a window before this one failed; please send its report to who looks after it: {report}"
+        in first
+    )
+    assert "Segmentation fault" in report.read_text() and not second
 
 
 def test_unexpected_error_becomes_a_sentence_and_a_file(harness: Harness, tmp_path: Path) -> None:
