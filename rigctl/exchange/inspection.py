@@ -163,7 +163,7 @@ def _refuse_impossible_times(series: TimeSeries, place: str) -> None:
         raise WrongUse(f"{place}: its times span {series.time_s[-1]:.6g} s: check unit in [time]")
     if series.period_s * PLAUSIBLE_RATE_HZ < 1 - GRID_TOLERANCE_ROWS:
         raise WrongUse(
-            f"{place}: its rows are {series.period_s:.6g} s apart, which is more than "
+            f"{place}: its rows are {series.period_s:.2g} s apart, which is more than "
             f"{PLAUSIBLE_RATE_HZ:,.0f} a second: check unit in [time], for "
             f"{len(series.time_s)} rows span {series.time_s[-1]:.6g} s (days, as of MATLAB's "
             "datenum, are 'd')"
