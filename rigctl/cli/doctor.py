@@ -76,6 +76,7 @@ _MODULES = {
     "pyserial": "serial",
     "scikit-learn": "sklearn",
     "pyside6-essentials": "PySide6",
+    "vl-convert-python": "vl_convert",
 }
 """The modules of packages that are not named alike."""
 _IMPORT = """

@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,9 @@ class TestProgram:
         found = doctor.check_packages(NEEDED, {"pymodbus": "3.16.0"}, "")
         assert "numpy is missing; pymodbus 3.16.0 is not " in found.sentence
         assert found.state is ATTENTION and "requirements.lock" in found.cure
+
+    def test_all_that_rigctl_needs_is_imported_here(self) -> None:
+        assert doctor.import_error(doctor.needed_packages(requires("rigctl") or ())) == ""
 
     def test_a_package_that_cannot_be_imported_is_named_with_its_error(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -267,6 +267,8 @@ def _vectors(series: Series) -> list[VectorData]:
 def _vector(column: Column, values: NDArray[Any]) -> VectorData:
     unit = f" [{column.unit}]" if column.unit else ""
     data = values.tolist() if column.is_text else values
+    if column.is_text and not len(values):  # a list without a text does not say that it has texts
+        data = H5DataIO(shape=(0,), dtype=h5py.string_dtype(), maxshape=(None,))
     description = f"{column.doc}{unit}" + (f": {', '.join(column.parts)}" if column.parts else "")
     return VectorData(name=column.name, description=description, data=data)
 

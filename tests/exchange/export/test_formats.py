@@ -25,7 +25,8 @@ from rigctl.exchange.export.content import Content, joined
 from rigctl.exchange.export.selection import Representation, Selection
 from rigctl.finger.session import FingerSession
 from rigctl.session.session import Session, open_session
-from tests.exchange.export.conftest import export, needs_nix
+from tests.exchange.export.conftest import INSTALLED, export, needs_nix
+from tests.session.building import SyntheticRig, recorder
 
 
 @contextmanager
@@ -45,6 +46,22 @@ def spikes_of_encode(session: Path, out: Path) -> list[np.ndarray]:
     with h5py.File(out / "spikes.h5") as file:
         ends, samples = file["/spikes/ptr"][:], file["/spikes/sample"][:]
     return [samples[a:b] for row in ends for a, b in pairwise(row)]
+
+
+@pytest.mark.parametrize("to", INSTALLED)
+def test_a_session_without_trials_has_its_readings(to: str, tmp_path: Path) -> None:
+    with recorder(tmp_path / "by-hand") as rec:
+        rec.begin_part("operated by hand", "A")
+        SyntheticRig(rec).idle()
+    target = tmp_path / {"nwb": "x.nwb", "matlab": "x.mat", "neo": "x.nix"}.get(to, "x")
+    export(tmp_path / "by-hand", to, target, Selection(representations=(Representation.READINGS,)))
+    if to == "nwb":
+        assert pynwb.validate(path=str(target)) == []
+        with opened(target) as file:
+            readings = file.acquisition["taxels"].data[:]
+            assert np.array_equal(readings, all_samples(tmp_path / "by-hand"))
+            assert len(file.trials) == 0
+    assert target.exists()
 
 
 def test_nwb_is_valid_and_holds_the_samples_on_a_rate(nwb: Path, drum: Path) -> None:
