@@ -325,8 +325,8 @@ class ImportPage(FieldsPage):
         super().__init__(
             "Import recordings",
             "Makes a session of recordings from elsewhere (.csv, .tsv, .txt, .lvm, .mat, .npy, "
-            ".npz, or a folder of them), as rigctl import does. The map says what each column is: "
-            "guess one, read it, then import.",
+            ".npz, .nwb, or a folder of them), as rigctl import does. The map says what each "
+            "column is: guess one, read it, then import.",
             "Import",
             {
                 RECORDINGS: (PathKind.RECORDINGS, "Folder of recordings, or a file"),

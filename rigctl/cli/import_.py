@@ -2,7 +2,7 @@
 
 Each trial of the files becomes a trial of 1 kHz samples. The map names the columns and says where
 the labels are; --guess looks at the files and writes such a map. Reads .csv, .tsv, .txt, .lvm,
-.mat, .npy and .npz, and all of these in a folder.
+.mat, .npy, .npz and .nwb, and all of these in a folder.
 """
 
 from __future__ import annotations

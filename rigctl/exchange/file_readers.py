@@ -1,4 +1,4 @@
-"""Readers of CSV, TSV, MATLAB .mat (5 and 7.3), NumPy .npy and .npz files as tables of trials."""
+"""Readers of CSV, TSV, MATLAB .mat (5 and 7.3), NumPy and NWB files as tables of trials."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.matlab import read_mat
+from rigctl.exchange.nwb import read_nwb
 from rigctl.exchange.recording_files import SUFFIXES
 from rigctl.exchange.recording_tables import (
     FileTrials,
@@ -66,13 +67,15 @@ def read_trials(path: Path, mapping: ImportMap) -> FileTrials:
 
 
 def read_variables(path: Path) -> Mapping[str, Any]:
-    """Return the variables of a MATLAB or NumPy file. Raises WrongUse for any other."""
+    """Return the variables of a MATLAB, NumPy or NWB file. Raises WrongUse for any other."""
     suffix = path.suffix.lower()
     try:
         if suffix == ".mat":
             return read_mat(path)
         if suffix in (".npy", ".npz"):
             return _read_numpy(path)
+        if suffix == ".nwb":
+            return read_nwb(path)
     except OSError as error:
         raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
     if suffix in DELIMITERS:

@@ -438,6 +438,7 @@ def _table(
 RATES_HZ = (5.0, 20_000.0)
 REGULAR_SHARE, ASCENDING_SHARE = 0.8, 0.9
 ROWS_A_LABEL = 20
+MOSTLY = 0.5
 LAYER_TAXELS = 4
 SHORTEST_STEP = 1e-9
 FEWEST_STAMPS = 2
@@ -578,18 +579,29 @@ class _RoleGuess:
 
     def find_others(self) -> None:
         """Take a column for the load cell; other numbers are other channels, texts nothing."""
+        loadcell = self._loadcell()
         for column in list(self._left):
             name, values = self._sample.names[column], self._sample.values[:, column]
             if column in self._sample.texts or not np.isfinite(values).any():
                 self._take(column, "not used: no numbers")
             elif has_word("index", name) or (not self._sample.named and np.ptp(values) == 0):
                 self._take(column, f"not used: {self._span(column)}")
-            elif self._sample.named and self.roles.loadcell is None and has_word("loadcell", name):
+            elif column == loadcell:
                 self.roles.loadcell = column
                 self._take(column, f"load cell: {self._span(column)}")
+            elif np.isfinite(values).mean() < MOSTLY:
+                self._take(column, "not used: most rows have no number")
             else:
                 self.roles.extra.append(column)
                 self._take(column, f"another channel: {self._span(column)}")
+
+    def _loadcell(self) -> int | None:
+        """Return the first column of a load cell by its name, one with a unit of force before."""
+        names = self._sample.names
+        found = [k for k in self._left if self._sample.named and has_word("loadcell", names[k])]
+        found = [k for k in found if np.isfinite(self._sample.values[:, k]).any()]
+        with_unit = [k for k in found if find_unit("force", names[k])]
+        return next(iter([*with_unit, *found]), None)
 
     def _take(self, column: int, why: str) -> None:
         self._left.remove(column)

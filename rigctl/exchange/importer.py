@@ -25,6 +25,7 @@ from rigctl.exchange.inspection import (
     extract_series,
     inspect_files,
 )
+from rigctl.exchange.nwb import is_simulated
 from rigctl.exchange.resampling import Floats, ResampledSeries, TimeSeries, resample
 from rigctl.session.header import IMPORTED, SessionHeader
 from rigctl.session.recorder import Recorder
@@ -112,7 +113,11 @@ def import_files(
         trial.label.trial(number, trial.count) for number, trial in enumerate(inspection.trials, 1)
     ]
     layout = _layout(mapping, n_taxels)
-    header = replace(_header(mapping, inspection.scaling, trials, start_utc), sensor_layout=layout)
+    header = replace(
+        _header(mapping, inspection.scaling, trials, start_utc),
+        sensor_layout=layout,
+        simulated=any(map(is_simulated, paths)),
+    )
     config = _config(mapping, layout)
     with Recorder(folder, header, "", config.to_toml()) as recorder:
         (folder / MAP_FILE).write_text(mapping.text, encoding="utf-8")

@@ -70,11 +70,11 @@ def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 def _read_mat73(path: Path) -> dict[str, Any]:
     with h5py.File(path, "r") as file:
         names = [name for name in file if not name.startswith(HIDDEN)]
-        return dict(pair for name in names for pair in _walk(name, _member(file, name), 0))
+        return dict(pair for name in names for pair in _walk(name, member(file, name), 0))
 
 
-def _member(group: Any, name: str) -> Any:
-    """Return a member of a group that is in the file itself."""
+def member(group: Any, name: str) -> Any:
+    """Return a member of a group. Raises ValueError if it is not in the file itself."""
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         raise ValueError(f"{group.name}/{name} is a link to another place".replace("//", "/"))
     return _inside(group[name])
@@ -93,7 +93,7 @@ def _walk(name: str, node: Any, depth: int) -> Iterator[tuple[str, Any]]:
         raise ValueError(f"its variables are nested more than {DEEPEST} deep")
     if isinstance(node, h5py.Group):
         for key in node:
-            yield from _walk_field(name, key, _member(node, key), depth + 1)
+            yield from _walk_field(name, key, member(node, key), depth + 1)
     elif _is_reference(node):
         for number, target in enumerate(_targets(node), 1):
             yield from _walk(f"{name}.{number}", target, depth + 1)

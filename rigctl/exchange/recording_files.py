@@ -11,7 +11,7 @@ from typing import NamedTuple
 from rigctl.errors import WrongUse
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".lvm")
-SUFFIXES = (*TEXT_SUFFIXES, ".mat", ".npy", ".npz")
+SUFFIXES = (*TEXT_SUFFIXES, ".mat", ".npy", ".npz", ".nwb")
 MOST_FILES = 1_000_000
 
 
