@@ -271,7 +271,7 @@ wheels: boards site $(WHEELS)/.ready
 	@sh .ci/debian-packages $(DEBIAN_FIRMWARE) \
 	  $(if $(filter x86_64,$(shell uname -m)),wine64 qemu-user libc6-arm64-cross)
 	$(SAY) "wheels of $(PLATFORMS) in dist/"
-	@rm -rf dist
+	@rm -rf dist build/wheels/tmp*
 	@for platform in $(PLATFORMS); do \
 	  RIGCTL_PLATFORM=$$platform $(WHEELS)/bin/python -m hatchling build -t wheel -d dist || exit $$?; \
 	done

@@ -18,6 +18,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import pefile
 from elftools.elf.elffile import ELFFile
@@ -50,13 +51,28 @@ SYSTEM_LIBRARIES = re.compile(
     r"lib(c|m|pthread|dl)\.so\.\d|ld-linux.*|/usr/lib/libSystem\.B\.dylib"
     r"|(?i:kernel32|ntdll|msvcrt|api-ms-win-crt-.*)\.dll"
 )
-WINE = shutil.which("wine64") or shutil.which("wine64", path="/usr/lib/wine")
-QEMU = shutil.which("qemu-aarch64")
-EMULATED: dict[str, tuple[str, list[str | None]]] = {
-    "win_amd64": ("x86_64-windows-gnu", [WINE]),
-    "manylinux_2_17_aarch64": ("aarch64-linux-gnu.2.17", [QEMU, "-L", "/usr/aarch64-linux-gnu"]),
+
+
+class Emulator(NamedTuple):
+    """What runs programs of another system here: Zig's target, the emulator and its options."""
+
+    target: str
+    name: str
+    options: tuple[str, ...] = ()
+
+    def command(self) -> list[str]:
+        """Return the words before a program; empty where the emulator is not installed."""
+        program = shutil.which(self.name) or shutil.which(self.name, path="/usr/lib/wine")
+        return [program, *self.options] if program else []
+
+
+EMULATORS = {
+    "win_amd64": Emulator("x86_64-windows-gnu", "wine64"),
+    "manylinux_2_17_aarch64": Emulator(
+        "aarch64-linux-gnu.2.17", "qemu-aarch64", ("-L", "/usr/aarch64-linux-gnu")
+    ),
 }
-"""Of a wheel's platform: Zig's target, and the words before a program of it, None without it."""
+"""By the platform of a wheel."""
 POLL = bytes.fromhex("0103001000284411")
 """The request with which the engine polls the drum."""
 Library = tuple[str, set[str], set[str]]
@@ -134,19 +150,19 @@ def read_mach(content: bytes) -> Library:
     return MACH_MACHINES[header.header.cputype], needed, exports
 
 
-def differing_boards(wheel: Path, target: str, emulator: list[str]) -> Iterator[str]:
-    """Yield a sentence for each board of a wheel that does something else here, emulated."""
+def differing_boards(wheel: Path, emulator: Emulator) -> Iterator[str]:
+    """Yield a sentence for each board of a wheel that does something else when emulated."""
     with TemporaryDirectory() as name, zipfile.ZipFile(wheel) as file:
         program = Path(name) / "run_board.exe"
         source = ROOT / "tools" / "run_board.c"
-        compiler = [sys.executable, "-m", "ziglang", "cc", "-target", target]
+        compiler = [sys.executable, "-m", "ziglang", "cc", "-target", emulator.target]
         subprocess.run([*compiler, str(source), "-o", str(program)], check=True)
         environment = os.environ | {"WINEPREFIX": f"{name}/wine", "WINEDEBUG": "-all"}
         for place in (one for one in file.namelist() if one.startswith("rigctl/_data/boards/")):
             library = Path(name) / Path(place).name
             library.write_bytes(file.read(place))
             board = library.stem.removeprefix("virtual-")
-            command = [*emulator, str(program), f"./{library.name}", board]
+            command = [*emulator.command(), str(program), f"./{library.name}", board, POLL.hex()]
             ran = subprocess.run(command, cwd=name, env=environment, capture_output=True)
             if ran.returncode or ran.stdout != run_here(board):
                 yield f"{library.name} ends with {ran.returncode} and differs from this computer's"
@@ -176,11 +192,12 @@ def main(folder: str) -> int:
     wheels = sorted(Path(folder).glob("*.whl"))
     found = {wheel: list(complaints(wheel)) for wheel in wheels}
     for wheel in wheels:
-        target, words = EMULATED.get(wheel.stem.split("-")[-1], ("", [None]))
-        if None not in words:
-            emulator = [word for word in words if word is not None]
-            found[wheel] += differing_boards(wheel, target, emulator)
-            print(f"{wheel.name}: its boards have run under {Path(emulator[0]).name}")
+        emulator = EMULATORS.get(wheel.stem.split("-")[-1])
+        if emulator is not None and emulator.command():
+            found[wheel] += differing_boards(wheel, emulator)
+            print(f"{wheel.name}: its boards have run under {emulator.name}")
+        elif emulator is not None:
+            print(f"{wheel.name}: its boards have NOT run: {emulator.name} is not installed")
     for wheel, wrong in found.items():
         print(f"{wheel.name}  {wheel.stat().st_size / 1e6:.1f} MB  {'; '.join(wrong) or 'right'}")
     return 1 if not wheels or any(found.values()) else 0

@@ -1,4 +1,5 @@
-/* Run a board for a second, and write its inputs and outputs: run_board LIBRARY BOARD.
+/* Run a board for a second, and write its inputs and outputs: run_board LIBRARY BOARD REQUEST.
+   The drum gets the request, in hexadecimal digits, so that there is a reply to compare.
    `make wheels` compiles it for other systems and compares what it writes with this computer's. */
 #include <stdint.h>
 #include <stdio.h>
@@ -24,12 +25,15 @@ static void *function(const char *name) {
     return FIND(library, whole);
 }
 
-static void run_drum(void *handle) { /* A poll, so that there is a reply to compare. */
-    static const uint8_t poll[] = {0x01, 0x03, 0x00, 0x10, 0x00, 0x28, 0x44, 0x11};
+static void run_drum(void *handle, const char *digits) {
+    uint8_t request[64];
+    int32_t size = 0;
+    for (unsigned byte; size < 64 && sscanf(digits + 2 * size, "%2x", &byte) == 1; size++)
+        request[size] = (uint8_t)byte;
     void (*run)(void *, int64_t) = (void (*)(void *, int64_t))function("run");
     run(handle, 8000000);
     ((void (*)(void *, const uint8_t *, int32_t, int64_t))function("receive"))(
-        handle, poll, sizeof poll, 8000000);
+        handle, request, size, 8000000);
     run(handle, 16000000);
 }
 
@@ -41,7 +45,7 @@ static void run_taxels(void *handle) {
 }
 
 int main(int count, char **words) {
-    if (count != 3 || !(library = OPEN(words[1])))
+    if (count != 4 || !(library = OPEN(words[1])))
         return 1;
     board = words[2];
     void *handle = ((void *(*)(void))function("open"))();
@@ -50,7 +54,7 @@ int main(int count, char **words) {
     if (!strcmp(board, "taxels"))
         run_taxels(handle);
     else if (!strcmp(board, "drum"))
-        run_drum(handle);
+        run_drum(handle, words[3]);
     else
         ((void (*)(void *, int32_t))function("run"))(handle, 1000);
     uint64_t size = ((uint64_t (*)(void))function("io_size"))();

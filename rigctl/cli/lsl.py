@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rigctl.cli.arguments import a_path, add_option, path_or_name, whole_number
 from rigctl.encoder.reading import FULL_SCALE
 from rigctl.engine.live_file import LiveFileReader, TaxelWindow
-from rigctl.engine.rpc.client import EngineClient
+from rigctl.engine.rpc.client import NO_ENGINE, EngineClient
 from rigctl.engine.rpc.engine_files import EngineFile, rig_name, running_engines, runtime_folder
 from rigctl.engine.rpc.messages import parse_status
 from rigctl.errors import LinkLost, WrongUse
@@ -92,7 +92,9 @@ def _only_engine(rig: str | None, process: int | None) -> EngineFile:
     fitting = [engine for engine in fitting if process in (None, engine.pid)]
     if len(fitting) == 1:
         return fitting[0]
-    running = ", ".join(engine.rig for engine in engines) or "none"
+    if not engines:
+        raise WrongUse(NO_ENGINE)
+    running = ", ".join(engine.rig for engine in engines)
     raise WrongUse(f"name the rig of one running engine with --rig: {running}")
 
 

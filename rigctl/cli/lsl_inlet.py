@@ -161,8 +161,8 @@ class _Wanted:
         new = [info for info in found if info.uid() not in self._lost]
         if not new:
             self._tell_once(
-                f"no LSL stream is called {self._words}: the run goes on without it, and records "
-                "it as soon as it is there"
+                f"there is no LSL stream {self._words}: the run goes on without it, and records it "
+                "as soon as it is there"
             )
             return
         uid = new[0].uid()
@@ -192,7 +192,7 @@ class _Wanted:
         assert self._recording is not None
         title, self._lost = self._recording.title, {*self._lost, self._recording.uid}
         self.end("its sender has ended")
-        self._restart()
+        self._is_told = True
         _say(f"{title} has ended: the run goes on, and records it again when it is back")
 
     def _fail(self, error: Exception) -> None:

@@ -28,7 +28,7 @@ from rigctl.config.text_file import open_file, refuse_link_outside
 from rigctl.errors import SessionError, WrongUse
 from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT
 from rigctl.session.session import open_session
-from rigctl.session.verify import verify
+from rigctl.session.verify import VerifyReport, verify
 from rigctl.session.writer_lock import LOCK_FILE, is_being_written
 
 METADATA, PARAMETERS = "ro-crate-metadata.json", "parameters.json"
@@ -72,7 +72,10 @@ def make_bundle(
     that is not whole or is being recorded, and as ``rigctl analyse`` does.
     """
     _check_options(options)
-    digests = {session: _check_session(session) for session in options.sessions}
+    reports = [_check_session(session) for session in options.sessions]
+    if not any(report.trials_committed for report in reports):
+        names = ", ".join(map(str, options.sessions))
+        raise SessionError(f"there is no committed trial: {names}: a bundle has figures of trials")
     with atomic_directory(out) as folder:
         copies = tuple(_copy(session, folder / SESSIONS) for session in options.sessions)
         parameters = {
@@ -84,7 +87,8 @@ def make_bundle(
             shutil.copyfile(options.settings, folder / SETTINGS)
         _write_json(folder / PARAMETERS, parameters)
         _report(folder, parameters, folder / REPORT, resources)
-        graph = _describe(folder, parameters, citation, list(digests.values()))
+        digests = [report.closing_digest for report in reports]
+        graph = _describe(folder, parameters, citation, digests)
         _write_json(folder / METADATA, {"@context": CONTEXT, "@graph": graph})
     return out
 
@@ -152,6 +156,7 @@ def _is_equal(one: Path, other: Path) -> bool:
 
 
 def _check_options(options: AnalysisOptions) -> None:
+    _ = options.analysis  # the settings' file can be read
     defaults = declared(AnalysisOptions)
     for name in NOT_IN_A_BUNDLE:
         if getattr(options, name) != defaults[name].default:
@@ -165,14 +170,14 @@ def _check_options(options: AnalysisOptions) -> None:
         raise WrongUse("two sessions have the same name: give one of their folders another")
 
 
-def _check_session(session: Path) -> str:
-    """Return the closing digest of a session that is whole and closed."""
+def _check_session(session: Path) -> VerifyReport:
+    """Verify a session. Raises SessionError for one that is not whole and closed."""
     if is_being_written(session):
         raise SessionError(f"{session} is still being recorded: bundle it when it is finished")
     report = verify(session)
     if not report.whole:
         raise SessionError(f"{session} is not whole ({report.problems[0]}): it is nothing to cite")
-    return report.closing_digest
+    return report
 
 
 def _copy(session: Path, place: Path) -> Path:

@@ -195,10 +195,14 @@ def _judge_unfinished(session: SessionReader, part: PartReader, report: VerifyRe
     elif not part.file.is_cut:
         report.notes.append(f"{name}: its writer was killed, and it was closed afterwards")
     else:
+        by_hand = "what it has is safe, close it with rigctl recover"
+        of_a_plan = (
+            "committed trials are safe, continue with --resume of the command that made it, or "
+            "close it with rigctl recover"
+        )
         report.problems.append(
-            f"{name}: was not closed properly, its writer was killed or could not write; committed "
-            "trials are safe, continue with --resume of the command that made it, or close it with "
-            "rigctl recover"
+            f"{name}: was not closed properly, its writer was killed or could not write; "
+            f"{of_a_plan if session.header.trials_planned else by_hand}"
         )
 
 

@@ -11,6 +11,7 @@ import pytest
 from rigctl.cli import main
 from rigctl.exchange.bundle import verify_bundle
 from tests.analysis.recordings import record
+from tests.session.building import record_by_hand
 from tests.session.conftest import drum
 
 __all__ = ["drum"]
@@ -103,6 +104,10 @@ def test_what_is_nothing_to_cite_is_refused(
     assert main(["bundle", str(session), "--out", str(out), *FAST]) == 2
     assert main(["bundle", str(drum), "--out", str(out), "--c", "model.h5", *FAST]) == 2
     assert main(["bundle", str(drum), str(drum), "--out", str(out), *FAST]) == 2
+    assert main(["bundle", str(drum), "--out", str(out), "--settings", "none.toml", *FAST]) == 2
+    assert main(["bundle", str(record_by_hand(tmp_path / "h")), "--out", str(out), *FAST]) == 2
     said = capsys.readouterr().err.splitlines()
+    assert said[3].startswith("rigctl: cannot read none.toml")
+    assert said[4].startswith(f"rigctl: there is no committed trial: {tmp_path}")
     assert "it is nothing to cite" in said[0] and "no bundle has" in said[1]
     assert "the same name" in said[2] and not out.exists()

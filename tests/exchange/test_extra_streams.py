@@ -206,7 +206,7 @@ def test_a_stream_that_is_absent_is_told_and_stops_nothing(tmp_path: Path) -> No
     with open_harness(tmp_path, config=config("nobody sends this")) as harness:
         harness.run(scenario, harness.request(TINY, yes=False))
         assert harness.texts("stream") == [
-            "no LSL stream is called nobody sends this: the run goes on without it, and records it "
+            "there is no LSL stream nobody sends this: the run goes on without it, and records it "
             "as soon as it is there"
         ]
         assert harness.engine.run is not None and harness.engine.run.outcome == "done"

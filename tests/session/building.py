@@ -60,6 +60,14 @@ def header(of: Plan | None = None, n_taxels: int = 18) -> SessionHeader:
     )
 
 
+def record_by_hand(folder: Path) -> Path:
+    """Record some samples without a trial."""
+    with recorder(folder) as rec:
+        rec.begin_part("operated by hand", "A")
+        SyntheticRig(rec).idle()
+    return folder
+
+
 def recorder(folder: Path, **options: int) -> Recorder:
     return Recorder(folder, header(), PROTOCOL, RIG, **options)  # type: ignore[arg-type]
 

@@ -51,6 +51,7 @@ from rigctl.engine.rpc.messages import (
 from rigctl.errors import LinkLost, RigctlError, RigFault, WrongUse
 from rigctl.experiments import DRUM_EXPERIMENT
 
+NO_ENGINE = "no engine is running: start one with `rigctl run` or the window"
 COMPILE_TIMEOUT_S = 600.0
 """An engine's first start after an update compiles, on a busy machine for minutes; an engine that
 ends instead is noticed immediately."""
@@ -164,7 +165,7 @@ class EngineClient:
         running = running_engines(runtime_folder())
         engines = [engine for engine in running if engine.experiment == experiment]
         if not engines:
-            raise WrongUse("no engine is running: start one with `rigctl run` or the window")
+            raise WrongUse(NO_ENGINE)
         return cls.join(engines[0])
 
     @classmethod

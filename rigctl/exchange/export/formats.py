@@ -90,7 +90,9 @@ def choose_targets(sessions: Sequence[Path], format_name: str, out: Path | None)
     format, or is that of two sessions; SessionError for a folder that is no session.
     """
     suffix = FORMATS.load(format_name).suffix
-    for session in sessions:
+    for number, session in enumerate(sessions):
+        if session.absolute() in [other.absolute() for other in sessions[:number]]:
+            raise WrongUse(f"{session} is named twice: name each session once")
         part_paths(session)
     if out is not None and len(sessions) == 1:
         targets = [out]
@@ -98,13 +100,14 @@ def choose_targets(sessions: Sequence[Path], format_name: str, out: Path | None)
         end = suffix or f"-{format_name}"
         places = [session.absolute() for session in sessions]
         targets = [(out or place.parent) / f"{place.name}{end}" for place in places]
-    for number, target in enumerate(targets):
+    for number, (session, target) in enumerate(zip(sessions, targets, strict=True)):
         if target.suffix != suffix and suffix:
             raise WrongUse(f"{target} is no name of a {suffix} file: call it {target.name}{suffix}")
         if target.exists():
             raise WrongUse(f"{target} exists already: name another with --out, or remove it")
         if target in targets[:number]:
-            raise WrongUse(f"two sessions are called {target.stem}: export them one by one")
+            name = session.absolute().name
+            raise WrongUse(f"two sessions are called {name}: export them one by one")
         if any(target.absolute().is_relative_to(each.absolute()) for each in sessions):
             raise WrongUse(
                 f"{target} is inside a session: a recording keeps to itself, choose --out"

@@ -88,6 +88,11 @@ class _EncodedSpikes:
     @classmethod
     def prepare(cls, content: Content, options: EncoderOptions) -> _EncodedSpikes:
         """Find the trials, their ranges and the units."""
+        if not len(content.attempts):
+            raise SessionError(
+                f"{content.reader.path} has no trials, and spikes are encoded trial by trial: "
+                "export its readings alone (--representations readings)"
+            )
         resources = Resources(progress=content.progress)
         parameters = options.parameters
         trials = join_sessions([content.reader.path], content.progress, parameters.reading)

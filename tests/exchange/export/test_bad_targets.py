@@ -146,8 +146,10 @@ def test_a_target_of_another_kind_is_refused(
 
 def test_two_sessions_of_one_name_are_refused(drum: Path, tmp_path: Path) -> None:
     other = Path(shutil.copytree(drum, tmp_path / drum.name))
-    with pytest.raises(WrongUse, match="export them one by one"):
+    with pytest.raises(WrongUse, match=f"two sessions are called {drum.name}: export them one"):
         choose_targets([drum, other], "csv", tmp_path / "out")
+    with pytest.raises(WrongUse, match="is named twice"):
+        choose_targets([drum, drum], "csv", tmp_path / "out")
     with pytest.raises(SessionError, match="is not a session"):
         choose_targets([tmp_path], "csv", None)
 

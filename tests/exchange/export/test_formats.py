@@ -21,12 +21,13 @@ from rigctl.analysis.cache import SERIAL_RESOURCES
 from rigctl.analysis.encoded_sessions import encode_sessions
 from rigctl.analysis.taxel import EncodeRequest
 from rigctl.encoder.parameters import DEFAULT
+from rigctl.errors import SessionError
 from rigctl.exchange.export.content import Content, joined
 from rigctl.exchange.export.selection import Representation, Selection
 from rigctl.finger.session import FingerSession
 from rigctl.session.session import Session, open_session
 from tests.exchange.export.conftest import INSTALLED, export, needs_nix
-from tests.session.building import SyntheticRig, recorder
+from tests.session.building import record_by_hand
 
 
 @contextmanager
@@ -50,10 +51,10 @@ def spikes_of_encode(session: Path, out: Path) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("to", INSTALLED)
 def test_a_session_without_trials_has_its_readings(to: str, tmp_path: Path) -> None:
-    with recorder(tmp_path / "by-hand") as rec:
-        rec.begin_part("operated by hand", "A")
-        SyntheticRig(rec).idle()
+    record_by_hand(tmp_path / "by-hand")
     target = tmp_path / {"nwb": "x.nwb", "matlab": "x.mat", "neo": "x.nix"}.get(to, "x")
+    with pytest.raises(SessionError, match=r"has no trials.*\(--representations readings\)"):
+        export(tmp_path / "by-hand", to, target)
     export(tmp_path / "by-hand", to, target, Selection(representations=(Representation.READINGS,)))
     if to == "nwb":
         assert pynwb.validate(path=str(target)) == []
