@@ -277,6 +277,10 @@ wheels: boards site $(WHEELS)/.ready
 	done
 	@for wheel in dist/*linux*.whl; do $(WHEELS)/bin/auditwheel show $$wheel || exit $$?; done
 	@$(WHEELS)/bin/python -m tools.check_wheels dist
+	$(SAY) "uv tool install of this computer's wheel, outside the checkout"
+	@cd /tmp && export UV_TOOL_DIR=$(CURDIR)/build/tool UV_TOOL_BIN_DIR=$(CURDIR)/build/tool/bin && \
+	  $(CURDIR)/$(WHEELS)/bin/uv tool install --quiet --force $(CURDIR)/dist/*manylinux*_$$(uname -m).whl && \
+	  $(CURDIR)/build/tool/bin/rigctl --version && rm -rf $(CURDIR)/build/tool
 
 clean:
 	rm -rf build dist $(VENV) $(PEERS) $(READERS) $(WHEELS)

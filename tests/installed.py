@@ -8,11 +8,16 @@ import subprocess
 import sys
 import sysconfig
 import venv
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from typing import NamedTuple
 
+from packaging.requirements import Requirement
+
 ROOT = Path(__file__).resolve().parents[1]
+EXTRAS = ("export", "lsl")
+SHARED = ("..", "__pycache__")
 _BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -59,16 +64,42 @@ def build_wheel(folder: Path) -> Path:
 
 
 def install(wheel: Path, place: Path) -> Installed:
-    """Install a wheel into a new environment, which has the other packages of this Python."""
+    """Install a wheel into a new environment, with the packages that it asks for and no other."""
     installed = Installed(place / "rigctl Prüfstand", place)
     venv.create(installed.environment, symlinks=True)
-    others = installed.packages / "others.pth"
-    # Of these packages' own files of paths none is read, such as that of the checkout.
-    others.write_text(sysconfig.get_path("purelib"), encoding="utf-8")
     pip = [sys.executable, "-m", "pip", "--python", str(installed.python), "install"]
     options = ["--no-deps", "--no-index", "--quiet", "--disable-pip-version-check", str(wheel)]
     subprocess.run([*pip, *options], check=True, capture_output=True)
+    (rigctl,) = distributions(name="rigctl", path=[str(installed.packages)])
+    for name in sorted(_packages_of(_wanted(rigctl, EXTRAS))):
+        (installed.packages / name).symlink_to(Path(sysconfig.get_path("purelib")) / name)
     return installed
+
+
+def _wanted(package: Distribution, extras: Iterable[str]) -> Iterator[tuple[str, frozenset[str]]]:
+    """Yield what a package asks for here, with the extras of each."""
+    for line in package.requires or ():
+        wanted = Requirement(line)
+        if any(not wanted.marker or wanted.marker.evaluate({"extra": e}) for e in ("", *extras)):
+            yield wanted.name, frozenset(wanted.extras)
+
+
+def _packages_of(wanted: Iterable[tuple[str, frozenset[str]]]) -> set[str]:
+    """Return the files and folders of packages, and of all that these ask for.
+
+    A package that has no wheel for this computer, such as nixio, is left out with its own.
+    """
+    found: set[str] = set()
+    left, seen = list(wanted), set[tuple[str, frozenset[str]]]()
+    while left:
+        name, extras = one = left.pop()
+        package = next(iter(distributions(name=name)), None)
+        if package is None or one in seen:
+            continue
+        seen.add(one)
+        left += _wanted(package, extras)
+        found |= {file.parts[0] for file in package.files or () if file.parts[0] not in SHARED}
+    return found
 
 
 def command_blocks(page: Path) -> list[str]:
