@@ -46,7 +46,13 @@ from rigctl.config.resources import WINDOW_DEBIAN_PACKAGES, checkout, flash_imag
 from rigctl.config.rig_config import RigConfig
 from rigctl.engine.axis import ACTUATORS
 from rigctl.engine.health import ACTIVE_WINDOW_S, RESERVE_BYTES
-from rigctl.engine.rpc.engine_files import LOG, EngineFile, running_engines, runtime_folder
+from rigctl.engine.rpc.engine_files import (
+    LOG,
+    EngineFile,
+    is_crash_report,
+    running_engines,
+    runtime_folder,
+)
 from rigctl.errors import RigctlError, RigFault, WrongUse
 from rigctl.exchange.export.formats import FORMATS
 from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT
@@ -737,7 +743,7 @@ def crash_reports_folder() -> Path:
 def check_crash(reports: Path, logs: Iterable[Path], now_s: float) -> Finding:
     """Check for a crash of the window (``reports``, a folder) or of an engine (``logs``)."""
     name = "last crash"
-    crashed = [log for log in logs if _is_crash(log.read_text(errors="replace"))]
+    crashed = [log for log in logs if is_crash_report(log)]
     crashed += reports.glob("rigctl-crash-*.txt")
     last = max(crashed, key=lambda path: path.stat().st_mtime, default=None)
     if last is None:
@@ -747,10 +753,6 @@ def check_crash(reports: Path, logs: Iterable[Path], now_s: float) -> Finding:
     if age_s > RECENT_S:
         return Finding(name, OK, text)
     return Finding(name, ATTENTION, text, "send it to who looks after the program, then delete it")
-
-
-def _is_crash(log: str) -> bool:
-    return "Traceback (most recent call last)" in log or "Fatal Python error" in log
 
 
 def check_last_session(folders: Iterable[Path]) -> Finding:

@@ -28,10 +28,12 @@ import msgspec
 from rigctl import __version__
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.engine_files import (
+    LIVE,
     LOG,
     EngineFile,
     connecting_socket,
     engine_file_path,
+    is_crash_report,
     new_engine_name,
     read_engine_file,
     refuse_folder,
@@ -431,6 +433,9 @@ class EngineClient:
             self._link_error = (
                 f"the engine ended ({why}): start it again; the session it wrote is kept"
             )
+            log = Path(self.engine_file.live.removesuffix(LIVE) + LOG)
+            if is_crash_report(log):
+                self._link_error += f"; please send its crash report to who looks after it: {log}"
 
 
 def client_name(program: str) -> str:

@@ -141,6 +141,15 @@ def remove_files(folder: Path, name: str) -> None:
         (folder / (name + ending)).unlink(missing_ok=True)
 
 
+def is_crash_report(log: Path) -> bool:
+    """Return whether an engine's log has an unexpected error, of Python or of native code."""
+    try:
+        text = log.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return "Traceback (most recent call last)" in text or "Fatal Python error" in text
+
+
 def remove_abandoned(folder: Path, running: set[str], now_s: float) -> None:
     """Remove files of engines that are not ``running`` and have not been written for an hour.
 

@@ -27,7 +27,7 @@ from rigctl.engine.rpc.engine_files import (
     write_engine_file,
 )
 from rigctl.engine.rpc.server import open_listener
-from rigctl.errors import RigctlError, WrongUse
+from rigctl.errors import LinkLost, RigctlError, WrongUse
 from rigctl.session.part import existing_parts
 from tests.cli.processes import ONE, finished, rigctl
 from tests.waiting import until
@@ -95,6 +95,19 @@ def test_a_run_that_is_killed_before_it_records_begins_again_in_its_folder(
     ended = finished(*words)
     assert ended.returncode == 0, ended.stderr
     assert "1 of 1 trials committed" in ended.stdout
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are of Unix")
+def test_a_crash_of_native_code_is_named_with_its_report(runtime: Path) -> None:
+    """faulthandler writes where Python was into the engine's log, which stays."""
+    client = EngineClient.start("virtual")
+    os.kill(client.engine_file.pid, signal.SIGSEGV)
+    with pytest.raises(LinkLost, match="please send its crash report") as lost:
+        while True:
+            client.wait(10.0)
+    client.close()
+    report = Path(str(lost.value).rpartition(": ")[2])
+    assert report.parent == runtime and "Segmentation fault" in report.read_text()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of files are of Unix")
