@@ -147,6 +147,20 @@ def test_a_command_can_be_cancelled_and_started_again(disconnected: SharedWindow
     assert "port" in page.verdict.text()
 
 
+def test_a_cancelled_export_leaves_nothing(disconnected: SharedWindow, tmp_path: Path) -> None:
+    page = disconnected.window.tools.export_page
+    session = record(tmp_path / "session", repeats=20)
+    _choose(disconnected, "&Export a session")
+    page.format.setCurrentIndex(page.format.findData("nwb"))
+    page.fields["Session"].setText(str(session))
+    page.fields["Write into"].setText(str(tmp_path / "cancelled.nwb"))
+    click(page.run_button)
+    wait_until((tmp_path / "cancelled.nwb.partial").exists, timeout_ms=120_000)
+    click(page.cancel_button)
+    assert page.verdict.text() == "Cancelled."
+    wait_until(lambda: not list(tmp_path.glob("cancelled*")), timeout_ms=120_000)
+
+
 @pytest.mark.parametrize("simulated", [True, False])
 def test_boards_in_use_are_not_reset(harness: Harness, simulated: bool) -> None:
     page = harness.window.tools.ports_page
