@@ -100,7 +100,7 @@ exchange: boards $(READERS)/.ready
 bench: firmware $(PEERS)/.ready
 	@sh .ci/debian-packages $(DEBIAN_TEST)
 	$(SAY) "every figure with its peer in the same run; also in build/bench.jsonl"
-	@QT_QPA_PLATFORM=offscreen RIGCTL_PEERS_PYTHON=$(abspath $(PEERS)/bin/python) \
+	@PYTHONDONTWRITEBYTECODE= QT_QPA_PLATFORM=offscreen RIGCTL_PEERS_PYTHON=$(abspath $(PEERS)/bin/python) \
 	  $(BIN)/python -m tests.benchmarks $(BENCH_ARGS)
 
 scale: boards
