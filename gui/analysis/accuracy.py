@@ -44,7 +44,16 @@ from gui.widgets.layouts import (
     scroll_area,
     vbox,
 )
-from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, Readout, colour_axes, reserve, title_plot
+from gui.widgets.plot_axes import (
+    BOTTOM_PX,
+    Plot,
+    PlotGrid,
+    Readout,
+    add_plot,
+    colour_axes,
+    reserve,
+    title_plot,
+)
 from gui.widgets.theme import DARK, Theme, scaled_px
 from rigctl.analysis.report.figure import Figure, Panel, Series
 
@@ -239,7 +248,7 @@ class AccuracyPlots(PlotGrid):
         self.hidden: AbstractSet[str] = frozenset()
         self.alone: int | None = None
         self.point: AccuracyPoint | None = None
-        self.plots: dict[int, pg.PlotItem] = {}
+        self.plots: dict[int, Plot] = {}
         self.cells.setSpacing(GAP_PX)
         self.cells.setContentsMargins(GAP_PX, GAP_PX, GAP_PX, GAP_PX)
         self._n_columns = 0
@@ -283,8 +292,8 @@ class AccuracyPlots(PlotGrid):
         """Make the plots that are missing, as for a picture."""
         while not self.is_whole:
             self._add_next()
-        for part in (self.cells, *self.plots.values()):
-            part.layout.activate()
+        for grid in (self.cells.layout, *(plot.grid for plot in self.plots.values())):
+            grid.activate()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Take the keys that choose a point or zoom."""
@@ -345,21 +354,21 @@ class AccuracyPlots(PlotGrid):
     def _show_whole(self, number: int) -> None:
         panel = self.panels[number]
         x, y = (0, (1 + MARGIN) * last_x(panel)), (0, ROOM * panel.y_range[1])
-        self.plots[number].setRange(xRange=x, yRange=y, padding=0)
+        self.plots[number].getViewBox().setRange(xRange=x, yRange=y, padding=0)
 
-    def _add(self, row: int, column: int, panel: Panel) -> pg.PlotItem:
-        plot = self.cells.addPlot(row=row, col=column, enableMenu=False)
-        plot.hideButtons()
-        plot.disableAutoRange()
-        for side in ("left", "bottom", "right", "top"):  # each change of a range wrote four labels
+    def _add(self, row: int, column: int, panel: Panel) -> Plot:
+        plot = add_plot(self.cells, row, column)
+        view = plot.getViewBox()
+        view.disableAutoRange()
+        for side in ("left", "bottom"):  # each change of a range wrote four labels
             plot.getAxis(side).enableAutoSIPrefix(False)
-        plot.setLimits(
+        view.setLimits(
             xMin=0, xMax=(1 + MARGIN) * last_x(panel), yMin=0, yMax=ROOM * panel.y_range[1]
         )
-        plot.setLimits(minXRange=2, minYRange=2)
+        view.setLimits(minXRange=2, minYRange=2)
         title_plot(plot, panel.title, self._theme.text)
-        plot.layout.addItem(plot.titleLabel, 0, 0, 1, 3)  # a long title needs the axis's width
-        plot.layout.setRowFixedHeight(0, scaled_px(TITLE_PX))
+        plot.grid.addItem(plot.titleLabel, 0, 0, 1, 3)  # a long title needs the axis's width
+        plot.grid.setRowFixedHeight(0, scaled_px(TITLE_PX))
         is_named = not column or panel.y_label != self.panels[0].y_label
         if is_named:
             plot.setLabel("left", _name(panel.y_label))
@@ -367,7 +376,6 @@ class AccuracyPlots(PlotGrid):
         plot.setLabel("bottom", _name(panel.x_label))
         reserve(plot, "left", LEFT_PX if is_named else LEFT_PX - 14)
         reserve(plot, "bottom", BOTTOM_PX)
-        view = plot.getViewBox()
         for changed in (view.sigResized, view.sigYRangeChanged):
             changed.connect(lambda *_: _space_ticks(plot, panel))
         colour_axes(plot, self._theme)
@@ -379,7 +387,7 @@ class AccuracyPlots(PlotGrid):
         dots = pg.mkPen(self._theme.muted, width=1, style=Qt.PenStyle.DotLine)
         if panel.level is not None:
             plot.addItem(pg.InfiniteLine(panel.level[0], angle=0, pen=dots))
-        plot.addItem(AccuracyCurves(panel, self.hidden, self._theme), ignoreBounds=True)
+        plot.addItem(AccuracyCurves(panel, self.hidden, self._theme))
 
     def _point_at(self, place: QPointF) -> None:
         for number, plot in self.plots.items():
@@ -500,7 +508,7 @@ def columns_of(n_plots: int, width_px: int) -> int:
     return max(1, min(wanted_columns(n_plots), fit))
 
 
-def _space_ticks(plot: pg.PlotItem, panel: Panel) -> None:
+def _space_ticks(plot: Plot, panel: Panel) -> None:
     """Number every 50 % where the numbers of every 20 % would lie over each other."""
     view = plot.getViewBox()
     low, high = view.viewRange()[1]
@@ -513,7 +521,7 @@ def _name(label: str) -> str:
     return label[:1].upper() + label[1:]
 
 
-def _name_axis(plot: pg.PlotItem, panel: Panel) -> None:
+def _name_axis(plot: Plot, panel: Panel) -> None:
     """Give the axis the name that the plot has room for."""
     has_room = plot.getViewBox().height() >= scaled_px(LETTER_PX * len(panel.y_label))
     name = _name(panel.y_label) if has_room else panel.unit

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 from gui.analysis.export import Picture, widget_picture
 from gui.widgets.labels import label
 from gui.widgets.layouts import FlowLayout, combo_box, container, push_button, vbox
-from gui.widgets.plot_axes import PlotGrid, Readout
+from gui.widgets.plot_axes import PlotGrid, Readout, add_plot
 from gui.widgets.theme import Theme, blend, contrast, scaled_px
 from rigctl.analysis.report.figure import Figure, Matrix
 
@@ -96,10 +96,10 @@ class ConfusionPlotView(PlotGrid):
         self._theme, self.matrix = theme, matrix
         self.cell: tuple[int, int] | None = None
         self._frame = QGraphicsRectItem()
-        self.item = self.cells.addPlot(enableMenu=False)
-        self.item.hideButtons()
+        self.item = add_plot(self.cells, 0, 0)
         self.item.invertY(True)
-        self.item.setLabels(left="True texture", bottom="Predicted texture")
+        self.item.setLabel("left", "True texture")
+        self.item.setLabel("bottom", "Predicted texture")
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.graphics.installEventFilter(self)
         self.graphics.setAccessibleName("Confusion matrix")
@@ -122,19 +122,19 @@ class ConfusionPlotView(PlotGrid):
         image.setRect(QRectF(0, 0, n, n))
         self.item.addItem(image)
         self.numbers = CellNumbers(share, share > 0, theme)
-        self.item.addItem(self.numbers, ignoreBounds=True)
+        self.item.addItem(self.numbers)
         for side in ("left", "bottom"):
             names = [(place + 0.5, name) for place, name in enumerate(matrix.classes)]
             self.item.getAxis(side).setTicks([names, []])
         self.reserve_plots(*(n * px + AXIS_PX for px in LEAST_CELL_PX))
-        self.item.setLimits(xMin=0, xMax=n, yMin=0, yMax=n, minXRange=1, minYRange=1)
+        self.item.getViewBox().setLimits(xMin=0, xMax=n, yMin=0, yMax=n, minXRange=1, minYRange=1)
         self._choose(None)
         self.show_whole_range()
 
     def show_whole_range(self) -> None:
         """Undo the zoom."""
         n = len(self.matrix.classes)
-        self.item.setRange(xRange=(0, n), yRange=(0, n), padding=0)
+        self.item.getViewBox().setRange(xRange=(0, n), yRange=(0, n), padding=0)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Take the keys that choose a cell or zoom."""
@@ -160,7 +160,7 @@ class ConfusionPlotView(PlotGrid):
             self._frame = QGraphicsRectItem(QRectF(cell[1], cell[0], 1, 1))
             self._frame.setPen(pg.mkPen(self._theme.accent, width=3))
             self._frame.setZValue(5)
-            self.item.addItem(self._frame, ignoreBounds=True)
+            self.item.addItem(self._frame)
         self.cell = cell
         self.cell_changed.emit(words)
 

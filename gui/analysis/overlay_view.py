@@ -15,7 +15,7 @@ from gui.analysis.trial_view import LEAST_PX
 from gui.analysis.value_file import data_words
 from gui.live.drum_course import thin_out
 from gui.widgets.layouts import FlowLayout, container, vbox
-from gui.widgets.plot_axes import PlotGrid, label_axis, reserve_right, time_plot
+from gui.widgets.plot_axes import Plot, PlotGrid, label_axis, reserve_right, time_plot
 from gui.widgets.theme import Theme
 
 _DASHES: tuple[tuple[float, ...], ...] = (
@@ -94,9 +94,7 @@ class OverlayPlots(PlotGrid):
         self._fit(trials)
         self._draw()
 
-    def _add(
-        self, plot: pg.PlotItem, pen: Any, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> None:
+    def _add(self, plot: Plot, pen: Any, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
         curve = pg.PlotCurveItem(pen=pen, connect="finite")
         plot.addItem(curve)
         self._curves.append((curve, x, y))

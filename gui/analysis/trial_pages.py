@@ -26,6 +26,7 @@ from gui.live.drum_course import SHOWN_POINTS, thin_out
 from gui.widgets.labels import label
 from gui.widgets.layouts import ComboBox, PageTabs, hbox, push_button, vbox
 from gui.widgets.plot_axes import (
+    Plot,
     PlotGrid,
     colour_axes,
     fixed_plot,
@@ -107,7 +108,7 @@ class CourseView(PlotGrid):
         add_marks((self.force_plot, self.speed_plot), marks, theme)
         self._draw()
 
-    def _add(self, plot: pg.PlotItem, y: NDArray[np.float64], colour: str, planned: float) -> None:
+    def _add(self, plot: Plot, y: NDArray[np.float64], colour: str, planned: float) -> None:
         """Add an empty curve to a plot with room for these values, and what was planned."""
         self._curves.append(pg.PlotCurveItem(pen=pg.mkPen(colour, width=1), connect="finite"))
         plot.addItem(self._curves[-1])
@@ -147,7 +148,7 @@ WINDOW_HINT = "Point at a window to read its value"
 KINDS = {"SA": "Hz", "RA": "spikes"}
 """Kind of the neurons and unit of their features."""
 _SCALES = {"SA": "Rate (Hz)", "RA": "Count (spikes)"}
-_SCALE_PX, _SCALE_AXIS_PX = 12, 52
+_SCALE_PX, _SCALE_AXIS_PX, _SCALE_GAP_PX = 12, 52, 5
 _TAXEL_STEP = 4
 _Ticks = list[tuple[float, str]]
 
@@ -252,13 +253,15 @@ def window_ticks(n_windows: int, width_px: float) -> _Ticks:
     return [(window + 0.5, f"{window + 1}") for window in range(0, n_windows, step)]
 
 
-def _colour_scale(plot: pg.PlotItem, image: pg.ImageItem) -> pg.ColorBarItem:
+def _colour_scale(plot: Plot, image: pg.ImageItem) -> pg.ColorBarItem:
     """Add an image to a plot, and the scale of its colours beside it; taxel 1 is at the top."""
     plot.invertY(True)
     plot.addItem(image)
     colours = pg.colormap.get("viridis")
     scale = pg.ColorBarItem(width=_SCALE_PX, colorMap=colours, interactive=False)
-    scale.setImageItem(image, insert_in=plot)
+    scale.setImageItem(image)
+    plot.grid.setColumnFixedWidth(4, _SCALE_GAP_PX)
+    plot.grid.addItem(scale, 2, 5)
     reserve(scale, "right", _SCALE_AXIS_PX)
     return scale
 
@@ -294,8 +297,8 @@ class CompareView(QWidget):
         self.overlay_button = push_button("Lay over", self.request_overlay, OVERLAY_TIP)
         self.note = label(HINT, "muted", wraps=True)
         self.plots = pg.GraphicsLayoutWidget()
-        self.rasters: list[pg.PlotItem] = []
-        self.rates: list[pg.PlotItem] = []
+        self.rasters: list[Plot] = []
+        self.rates: list[Plot] = []
         head = (self.neuron, self.button, self.overlay_button, self.note)
         self._column = vbox(hbox(*head, wide=3, margins=(8, 6, 8, 4)), self.plots, tall=1)
         self.setLayout(self._column)
@@ -407,7 +410,7 @@ class CompareView(QWidget):
         self.rasters.append(raster)
         self.rates.append(rate)
 
-    def _draw(self, raster: pg.PlotItem, rate: pg.PlotItem, condition: NeuronResponse) -> None:
+    def _draw(self, raster: Plot, rate: Plot, condition: NeuronResponse) -> None:
         pen = pg.mkPen(self._theme.groups[0], width=1)
         times = np.concatenate([*condition.spikes_s, np.empty(0)])
         trial = np.repeat(np.arange(len(condition.spikes_s)), list(map(len, condition.spikes_s)))

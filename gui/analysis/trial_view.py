@@ -13,12 +13,7 @@ from PySide6.QtCore import Qt, Signal
 from gui.analysis.task_values import Section, TrialData
 from gui.live.raster import TrainRows
 from gui.widgets.labels import plain_tooltip
-from gui.widgets.plot_axes import (
-    PlotGrid,
-    reserve_right,
-    taxel_ticks,
-    time_plot,
-)
+from gui.widgets.plot_axes import Plot, PlotGrid, reserve_right, taxel_ticks, time_plot
 from gui.widgets.theme import Theme
 from rigctl.session.sensor_layout import PAPER_SENSOR
 from rigctl.values import SAMPLE_RATE_HZ, TrialMark
@@ -31,7 +26,7 @@ LEAST_PX = (300, 130, 130)
 MARK_LETTERS = 40
 
 
-def add_marks(plots: Sequence[pg.PlotItem], marks: Sequence[TrialMark], theme: Theme) -> None:
+def add_marks(plots: Sequence[Plot], marks: Sequence[TrialMark], theme: Theme) -> None:
     """Draw a line at each note, with its text in the first plot."""
     pen = pg.mkPen(theme.muted, width=1, style=Qt.PenStyle.DotLine)
     for at_s, text in marks:

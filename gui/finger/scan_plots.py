@@ -364,7 +364,6 @@ class ScanPlots(PlotGrid):
         reserve(plot, "bottom", BOTTOM_PX)
         self._velocity = pg.PlotCurveItem()
         self._limits = [pg.InfiniteLine(angle=0, movable=False) for _ in range(2)]
-        plot.showAxis("right")
         plot.getAxis("right").setStyle(tickLength=0)
         reserve(plot, "right", ZONES_PX)
         for item in (*self._limits, self._velocity):

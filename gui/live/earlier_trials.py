@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pyqtgraph as pg
 from numpy.typing import NDArray
 
 from gui.live.drum_course import thin_out
@@ -14,6 +13,7 @@ from gui.live.live_data import LiveData
 from gui.live.raster import FULL_SCALE_HZ
 from gui.live.sample_history import SampleHistory, TimeWindow
 from gui.live.time_plots import PlotLine, TimePlots
+from gui.widgets.plot_axes import Plot
 from gui.widgets.theme import Theme
 from rigctl.boards.taxel_frames import Flag
 from rigctl.engine.rpc.messages import EngineStatus
@@ -177,13 +177,13 @@ class EarlierTrials:
         line.set_points(*points)
         line.setVisible(True)
 
-    def _line(self, plot: pg.PlotItem) -> PlotLine:
+    def _line(self, plot: Plot) -> PlotLine:
         line = PlotLine()
         bottom, top = sorted(plot.getViewBox().viewRange()[1])
         line.set_values(min(bottom, 0.0), max(top, 3000.0))
         line.setZValue(_ABOVE_IMAGES)
         line.setVisible(False)
-        plot.addItem(line, ignoreBounds=True)
+        plot.addItem(line)
         return line
 
 

@@ -270,7 +270,7 @@ class LivePlots(PlotGrid):
         self._rate_plot = fixed_plot(self.cells, 3, 1)
         reserve(self._rate_plot, "bottom", BOTTOM_PX)
         label_rates(self._rate_plot, theme, self.rate_bars.is_per_mm)
-        self._rate_plot.hideAxis("left")
+        self._rate_plot.getAxis("left").hide()
         self._rate_plot.setXRange(0, FULL_SCALE_HZ, padding=0)
         self._rate_plot.invertY(True)
         self._rate_plot.addItem(self.rate_bars)

@@ -17,7 +17,15 @@ from gui.live.plot_process import CALL_S, FORM, LOAD_S, SHOWN, Answer
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, label_axis, time_plot, time_ticks, title_plot
+from gui.widgets.plot_axes import (
+    BOTTOM_PX,
+    Plot,
+    PlotGrid,
+    label_axis,
+    time_plot,
+    time_ticks,
+    title_plot,
+)
 from gui.widgets.theme import Theme
 from gui.widgets.typed_paths import typed_path
 from rigctl.values import SAMPLE_RATE_HZ
@@ -43,7 +51,7 @@ class CurvePlots(PlotGrid):
         self.theme = theme
         self.units: dict[str, str] = {}
         self.values: dict[str, np.ndarray] = {}
-        self.plots: dict[str, pg.PlotItem] = {}
+        self.plots: dict[str, Plot] = {}
         self._time_s = np.zeros(0)
         self.lines: dict[str, pg.PlotDataItem] = {}
         self.set_theme(theme)
@@ -58,7 +66,9 @@ class CurvePlots(PlotGrid):
             unit: time_plot(self.cells, row, escape(unit[:24]), last=unit == kinds[-1])
             for row, unit in enumerate(kinds)
         }
-        self.lines = {name: self.plots[unit].plot(connect="finite") for name, unit in units.items()}
+        self.lines = {name: pg.PlotDataItem(connect="finite") for name in units}
+        for name, line in self.lines.items():
+            self.plots[units[name]].addItem(line)
         for plot in self.plots.values():
             plot.setXRange(-SHOWN / SAMPLE_RATE_HZ, 0, padding=0)
             plot.getAxis("bottom").setTicks([time_ticks(-SHOWN / SAMPLE_RATE_HZ, 0)])

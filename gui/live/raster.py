@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QGraphicsItem, QGraphicsWidget
 
 from gui.live.live_data import LiveData, ValueScale
 from gui.live.sample_history import SPAN_S, PixelColumns, SampleHistory, TimeWindow
-from gui.widgets.plot_axes import label_axis
+from gui.widgets.plot_axes import Plot, label_axis
 from gui.widgets.theme import Theme, blend, rgb, scaled_px, text_scale
 from rigctl.config.rig_config import LAYER_NAMES
 from rigctl.session.sensor_layout import SensorLayout
@@ -325,7 +325,7 @@ A_SECOND = "Rate in the last second (Hz)"
 A_MM = "Rate in the last second (1/mm)"
 
 
-def label_rates(plot: pg.PlotItem, theme: Theme, is_per_mm: bool) -> None:
+def label_rates(plot: Plot, theme: Theme, is_per_mm: bool) -> None:
     """Write the numbers and the unit of the rates below a plot whose width is the full scale."""
     ticks = [(float(hz), f"{hz}") for hz in RATE_TICKS_HZ]
     if is_per_mm:

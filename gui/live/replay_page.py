@@ -58,7 +58,7 @@ class VoltagePlot(PlotGrid):
             plot.getAxis("left").setTicks([_TICKS, []])
             plot.getAxis("bottom").setTicks([[], []])
             plot.addItem(curve)
-            plot.addItem(overlay, ignoreBounds=True)
+            plot.addItem(overlay)
         self.plots[1].setXLink(self.plots[0])
         self.voltage = NeuronVoltage(0, 0, np.zeros((0, 2)))
         self.set_theme(theme)

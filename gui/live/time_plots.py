@@ -21,6 +21,7 @@ from gui.live.sample_history import SPAN_S, PixelColumns, SampleHistory, TimeWin
 from gui.widgets.plot_axes import (
     LEFT_PX,
     MAX_TICKS,
+    Plot,
     colour_axes,
     label_axis,
     most_ticks,
@@ -90,7 +91,7 @@ class SetPointPlot:
     shown in its place, which then says so; it stays until all is shown again.
     """
 
-    def __init__(self, plot: pg.PlotItem, colour: str, theme: Theme) -> None:
+    def __init__(self, plot: Plot, colour: str, theme: Theme) -> None:
         self._plot = plot
         self._colour = colour
         self._set_point, self._measured = PlotLine(), PlotLine()
@@ -338,7 +339,7 @@ class TimePlots:
             plot.invertY(True)
             plot.addItem(image)
         for plot, overlay in zip(self.plots, self.overlays, strict=True):
-            plot.addItem(overlay, ignoreBounds=True)
+            plot.addItem(overlay)
             plot.getAxis("bottom").setTicks([[], []])
         for row, stretch in enumerate(_ROW_STRETCH):
             layout.layout.setRowStretchFactor(row, stretch)
@@ -483,7 +484,7 @@ class TimePlots:
 
 
 def _refresh_image(
-    plot: pg.PlotItem,
+    plot: Plot,
     image: ScrollingImage,
     history: SampleHistory,
     window: TimeWindow,

@@ -52,6 +52,8 @@ VALUE_NAMES = (
 )
 HINT = "Point at the curve to read its values"
 LOWEST_PX = 182
+GRID_ALPHA = 38
+"""Of 255: a faint grid."""
 PERCENT_TICKS = range(0, 101, 20)
 NO_SESSION = "No session: start a run, or open one."
 NO_TRIAL = "Not enough trials yet: no trial counts so far."
@@ -134,7 +136,7 @@ class CurveView(PlotGrid):
         self.plot.getAxis("left").setTicks([[(value, f"{value}") for value in PERCENT_TICKS], []])
         self.plot.setYRange(-4, 106, padding=0)
         self.plot.setXRange(0, 10, padding=0)
-        self.plot.showGrid(y=True, alpha=0.15)
+        self.plot.getAxis("left").setGrid(GRID_ALPHA)
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.show_points(())
         kinds = QEvent.Type.PaletteChange, QEvent.Type.FontChange

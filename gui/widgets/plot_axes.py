@@ -5,11 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 from math import ceil, floor, log10
+from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAccessible, QAccessibleEvent, QFontMetrics
-from PySide6.QtWidgets import QApplication, QGraphicsItem, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QGraphicsGridLayout,
+    QGraphicsItem,
+    QGraphicsWidget,
+    QSizePolicy,
+    QWidget,
+)
 
 from gui.widgets.labels import label
 from gui.widgets.layouts import vbox
@@ -28,12 +36,118 @@ _USUAL_PX = "usual_px"
 _LONG_TIME = "−10.0 "
 
 
-def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
+SIDES = {"left": (2, 0), "bottom": (3, 1), "right": (2, 2)}
+"""Row and column of each axis around the view; the title stands at the top."""
+TITLE_PX = 30
+
+
+class Plot(QGraphicsWidget):
+    """A view with axes and a title, with the methods of pyqtgraph's PlotItem that are used here.
+
+    PlotItem makes eight menus and sixty widgets for options of its own, also where they cannot be
+    reached: for 20 plots two fifths of what a window of ours took to be made.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        expanding = QSizePolicy.Policy.Expanding
+        self.setSizePolicy(expanding, expanding)
+        self.grid = QGraphicsGridLayout(self)
+        self.grid.setContentsMargins(1, 1, 1, 1)
+        self.grid.setSpacing(0)
+        self.grid.setRowStretchFactor(2, 100)
+        self.grid.setColumnStretchFactor(1, 100)
+        self._view = pg.ViewBox(parent=self, enableMenu=False)
+        self._axes: dict[str, Any] = {}
+        self.grid.addItem(self._view, 2, 1)
+        self.items: list[QGraphicsItem] = []
+        for side in ("left", "bottom"):
+            self.getAxis(side)
+        self.titleLabel = pg.LabelItem("", parent=self)
+        self.titleLabel.setMaximumHeight(0)
+        self.grid.addItem(self.titleLabel, 0, 1)
+
+    def implements(self, interface: str) -> bool:
+        """Tell pyqtgraph that an axis can be linked to this plot's view."""
+        return interface == "ViewBoxWrapper"
+
+    def getViewBox(self) -> Any:
+        """Return the view."""
+        return self._view
+
+    def getAxis(self, side: str) -> Any:
+        """Return the axis at the left, at the bottom or at the right, made when it is wanted."""
+        if side not in self._axes:
+            axis = self._axes[side] = pg.AxisItem(orientation=side, parent=self)
+            axis.linkToView(self._view)
+            axis.setZValue(-1000)  # below what the view shows
+            axis.setFlag(QGraphicsItem.GraphicsItemFlag.ItemNegativeZStacksBehindParent)
+            self.grid.addItem(axis, *SIDES[side])
+        return self._axes[side]
+
+    def setLabel(self, side: str, text: str, **style: str) -> None:
+        """Write a label at an axis."""
+        self.getAxis(side).setLabel(text, **style)
+
+    def setTitle(self, text: str, **style: str) -> None:
+        """Write a title above the view."""
+        self.titleLabel.setMaximumHeight(TITLE_PX)
+        self.grid.setRowFixedHeight(0, TITLE_PX)
+        self.titleLabel.setText(text, **style)
+
+    def addItem(self, item: QGraphicsItem) -> None:
+        """Show an item in the view, whose range does not follow it."""
+        self.items.append(item)
+        self._view.addItem(item, ignoreBounds=True)
+
+    def removeItem(self, item: QGraphicsItem) -> None:
+        """Show an item no longer."""
+        if item in self.items:
+            self.items.remove(item)
+            self._view.removeItem(item)
+
+    def clear(self) -> None:
+        """Remove all items."""
+        for item in list(self.items):
+            self.removeItem(item)
+
+    def setXRange(self, low: float, high: float, padding: float | None = None) -> None:
+        """Show this part of the horizontal axis."""
+        self._view.setXRange(low, high, padding=padding)
+
+    def setYRange(self, low: float, high: float, padding: float | None = None) -> None:
+        """Show this part of the vertical axis."""
+        self._view.setYRange(low, high, padding=padding)
+
+    def setXLink(self, other: Plot) -> None:
+        """Show the same part of the horizontal axis as another plot."""
+        self._view.setXLink(other)
+
+    def viewRange(self) -> list[list[float]]:
+        """Return the lower and upper end of both axes."""
+        return list(self._view.viewRange())
+
+    def setMouseEnabled(self, x: bool, y: bool) -> None:
+        """Let the mouse move and scale the axes."""
+        self._view.setMouseEnabled(x=x, y=y)
+
+    def invertY(self, is_down: bool = True) -> None:
+        """Let the vertical axis count downwards."""
+        self._view.invertY(is_down)
+
+
+def add_plot(layout: pg.GraphicsLayout, row: int, column: int) -> Plot:
+    """Return a new plot in a cell of a layout."""
+    plot = Plot()
+    layout.addItem(plot, row, column)
+    return plot
+
+
+def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> Plot:
     """Return a plot that the mouse cannot move and that never rescales itself."""
-    plot = layout.addPlot(row=row, col=column, enableMenu=False)
-    plot.hideButtons()
+    plot = add_plot(layout, row, column)
     plot.setMouseEnabled(x=False, y=False)
-    plot.disableAutoRange()
+    plot.getViewBox().disableAutoRange()
     for side in ("left", "bottom"):
         # Drawing nine axes in each frame takes longer than all curves; cached pixmaps do not.
         plot.getAxis(side).setStyle(hideOverlappingLabels=_BEYOND_PX)
@@ -42,7 +156,7 @@ def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
     return plot
 
 
-def reserve(plot: pg.PlotItem, side: str, usual_px: float) -> None:
+def reserve(plot: Plot, side: str, usual_px: float) -> None:
     """Give an axis its width or height, which grows with the texts."""
     axis = plot.getAxis(side)
     axis.setProperty(_USUAL_PX, usual_px)
@@ -55,13 +169,13 @@ def reserve_right(layout: pg.GraphicsLayout) -> None:
     layout.layout.setContentsMargins(left, top, scaled_px(RIGHT_PX), bottom)
 
 
-def label_axis(plot: pg.PlotItem, side: str, text: str, theme: Theme) -> None:
+def label_axis(plot: Plot, side: str, text: str, theme: Theme) -> None:
     """Write a label in the middle of an axis, also where it is longer than the one before."""
     plot.setLabel(side, text, color=theme.muted)
     plot.getAxis(side).resizeEvent()  # pyqtgraph places the label only there
 
 
-def title_plot(plot: pg.PlotItem, text: str, colour: str, usual_pt: float = 9.0) -> None:
+def title_plot(plot: Plot, text: str, colour: str, usual_pt: float = 9.0) -> None:
     """Write a title above a plot."""
     plot.setTitle(text or " ", color=colour, size=f"{usual_pt * text_scale():g}pt")
 
@@ -78,7 +192,7 @@ def _fit_axis(axis: pg.AxisItem) -> None:
     axis.resizeEvent()
 
 
-def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg.PlotItem:
+def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> Plot:
     """Return a plot over time, with the same left margin as the others; the last shows times."""
     plot = fixed_plot(layout, row, 0)
     plot.setLabel("left", label)
@@ -92,7 +206,7 @@ def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg
     return plot
 
 
-def colour_axes(plot: pg.PlotItem, theme: Theme, sides: Sequence[str] = ("left", "bottom")) -> None:
+def colour_axes(plot: Plot, theme: Theme, sides: Sequence[str] = ("left", "bottom")) -> None:
     """Apply a theme and the size of the texts to a plot's axes, labels and background."""
     plot.getViewBox().setBackgroundColor(theme.plot)
     for side in sides:
@@ -172,13 +286,13 @@ class PlotGrid(QWidget):
         needs = self.cells.layout.effectiveSizeHint(Qt.SizeHint.MinimumSize)
         self.graphics.setMinimumSize(ceil(needs.width()), ceil(needs.height()))
 
-    def show_heading(self, plot: pg.PlotItem, text: str, theme: Theme) -> None:
+    def show_heading(self, plot: Plot, text: str, theme: Theme) -> None:
         """Write what all plots show above the first one, and keep room for it."""
         title_plot(plot, escape(text), theme.muted, HEADING_PT)
-        plot.layout.addItem(plot.titleLabel, 0, 0, 1, 3)  # over the axis, too
+        plot.grid.addItem(plot.titleLabel, 0, 0, 1, 3)  # over the axis, too
         self.keep_readable()
 
-    def colour(self, theme: Theme, *plots: pg.PlotItem) -> None:
+    def colour(self, theme: Theme, *plots: Plot) -> None:
         """Give the space around all plots, and the axes of these, the colours of a theme."""
         self.graphics.setBackground(theme.panel)
         for plot in plots:

@@ -84,15 +84,15 @@ def test_force_and_speed_of_an_hour_are_drawn_by_their_extremes_and_a_part_point
     force_g[200_000:200_010] = np.nan
     view = CourseView(LIGHT)
     view.show_course(TrialCourse(at_s, force_g, at_s, speed_mm_s, 250.0, 40.0), "Trial 1")
-    x, y = view.force_plot.curves[0].getData()
+    x, y = view.force_plot.items[0].getData()
     assert len(x) < 2000 and abs(x[np.nanargmax(y)] - at_s[123_456]) < 5
     assert np.isnan(y[np.searchsorted(x, at_s[200_000]) - 1])
     view.force_plot.setXRange(at_s[1000], at_s[1100], padding=0)
     for plot, values in ((view.force_plot, force_g), (view.speed_plot, speed_mm_s)):
-        x, y = plot.curves[0].getData()
+        x, y = plot.items[0].getData()
         assert np.array_equal(x, at_s[1000:1101]) and np.array_equal(y, values[1000:1101])
     view.force_plot.setXRange(at_s[500] + 0.001, at_s[500] + 0.002, padding=0)
-    assert view.force_plot.curves[0].getData()[0].tolist() == at_s[500:502].tolist()
+    assert view.force_plot.items[0].getData()[0].tolist() == at_s[500:502].tolist()
     view.show_course(None)
     view.close()
 
