@@ -12,7 +12,14 @@ from PySide6.QtGui import QShowEvent
 from gui.analysis.task_values import JudgedTrials
 from gui.analysis.value_file import data_words
 from gui.widgets.labels import label
-from gui.widgets.plot_axes import PlotGrid, colour_axes, label_axis, reserve, time_plot, title_plot
+from gui.widgets.plot_axes import (
+    ColourScale,
+    PlotGrid,
+    label_axis,
+    reserve,
+    time_plot,
+    title_plot,
+)
 from gui.widgets.theme import Theme
 from rigctl.session.data_quality import (
     GIVEN_UP,
@@ -52,11 +59,8 @@ class QualityView(PlotGrid):
         self.image = pg.ImageItem(axisOrder="row-major")
         self.taxels.addItem(self.image)
         self.taxels.invertY(True)
-        self.scale = pg.ColorBarItem(
-            values=(-SHOWN_PERCENT, SHOWN_PERCENT), width=_SCALE_PX, interactive=False,
-            colorMap=pg.colormap.get("CET-D1A"),
-        )  # fmt: skip
-        self.scale.setImageItem(self.image)
+        self.scale = ColourScale(self.image, pg.colormap.get("CET-D1A"), _SCALE_PX)
+        self.scale.show_levels(-SHOWN_PERCENT, SHOWN_PERCENT)
         self.cells.addItem(self.scale, 0, 1)
         reserve(self.scale, "right", _SCALE_AXIS_PX)
         self.set_theme(theme)
@@ -75,8 +79,7 @@ class QualityView(PlotGrid):
         """Apply a theme."""
         self._theme = theme
         self.colour(theme, *self.plots)
-        self.scale.axis.setLabel("% off")
-        colour_axes(self.scale, theme, ("left", "top", "right", "bottom"))
+        self.scale.colour(theme, "% off")
         self.reserve_plots(74, *LEAST_PX)
         for plot, title in zip(self.plots, TITLES, strict=False):
             title_plot(plot, title, theme.muted)

@@ -26,6 +26,7 @@ from gui.live.drum_course import SHOWN_POINTS, thin_out
 from gui.widgets.labels import label
 from gui.widgets.layouts import ComboBox, PageTabs, hbox, push_button, vbox
 from gui.widgets.plot_axes import (
+    ColourScale,
     Plot,
     PlotGrid,
     colour_axes,
@@ -183,8 +184,7 @@ class FeaturesView(PlotGrid):
         self._theme = theme
         self.colour(theme, *self.plots)
         for scale, name in zip(self.scales, _SCALES.values(), strict=True):
-            scale.axis.setLabel(name)
-            colour_axes(scale, theme, ("left", "top", "right", "bottom"))
+            scale.colour(theme, name)
         self.reserve_plots(*LEAST_PX)
         self.show_features(self.features, self.heading)
 
@@ -204,12 +204,12 @@ class FeaturesView(PlotGrid):
         ):
             values = features.values[part : part + n]
             image.setImage(values, autoLevels=False)
-            scale.setLevels((0.0, max(1.0, float(values.max(initial=0.0)))))
+            scale.show_levels(0.0, max(1.0, float(values.max(initial=0.0))))
             plot.setXRange(0, windows, padding=0)
             plot.setYRange(0, n, padding=0)
             plot.getAxis("left").setTicks([ticks, []])
-        count_scale = self.scales[1]
-        count_scale.axis.setTicks([whole_ticks(count_scale.levels()[1]), []])
+        highest = float(self.images[1].levels[1])
+        self.scales[1].axis.setTicks([whole_ticks(highest), []])
         self._number_windows()
 
     def value_text(self, row: int, window: int) -> str:
@@ -253,13 +253,11 @@ def window_ticks(n_windows: int, width_px: float) -> _Ticks:
     return [(window + 0.5, f"{window + 1}") for window in range(0, n_windows, step)]
 
 
-def _colour_scale(plot: Plot, image: pg.ImageItem) -> pg.ColorBarItem:
+def _colour_scale(plot: Plot, image: pg.ImageItem) -> ColourScale:
     """Add an image to a plot, and the scale of its colours beside it; taxel 1 is at the top."""
     plot.invertY(True)
     plot.addItem(image)
-    colours = pg.colormap.get("viridis")
-    scale = pg.ColorBarItem(width=_SCALE_PX, colorMap=colours, interactive=False)
-    scale.setImageItem(image)
+    scale = ColourScale(image, pg.colormap.get("viridis"), _SCALE_PX)
     plot.grid.setColumnFixedWidth(4, _SCALE_GAP_PX)
     plot.grid.addItem(scale, 2, 5)
     reserve(scale, "right", _SCALE_AXIS_PX)

@@ -7,6 +7,7 @@ from html import escape
 from math import ceil, floor, log10
 from typing import Any
 
+import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAccessible, QAccessibleEvent, QFontMetrics
@@ -134,6 +135,39 @@ class Plot(QGraphicsWidget):
     def invertY(self, is_down: bool = True) -> None:
         """Let the vertical axis count downwards."""
         self._view.invertY(is_down)
+
+
+class ColourScale(Plot):
+    """The colours of an image as a bar, with an axis of the image's levels at its right."""
+
+    def __init__(self, image: pg.ImageItem, colours: pg.ColorMap, width_px: float) -> None:
+        super().__init__()
+        self._image, self._bar = image, pg.ImageItem(axisOrder="row-major")
+        self._bar.setImage(np.arange(256.0)[:, None], levels=(0.0, 255.0))
+        for one in (image, self._bar):
+            one.setColorMap(colours)
+        self.addItem(self._bar)
+        for side in ("left", "bottom"):
+            self.getAxis(side).hide()
+        self.axis = self.getAxis("right")
+        self.axis.enableAutoSIPrefix(False)
+        self.grid.setColumnFixedWidth(1, width_px)
+        self.getViewBox().disableAutoRange()
+        self.setMouseEnabled(x=False, y=False)
+        self.setXRange(0, 1, padding=0)
+        self.show_levels(0.0, 1.0)
+
+    def show_levels(self, low: float, high: float) -> None:
+        """Give the first and the last colour to these values, in the image, too."""
+        self._image.setLevels((low, high))
+        self._bar.setRect(0.0, low, 1.0, high - low)
+        self.setYRange(low, high, padding=0)
+
+    def colour(self, theme: Theme, text: str) -> None:
+        """Apply a theme, and name the axis."""
+        self.axis.setLabel(text)
+        colour_axes(self, theme, ("right",))
+        self.getViewBox().setBorder(pg.mkPen(theme.line, width=1))
 
 
 def add_plot(layout: pg.GraphicsLayout, row: int, column: int) -> Plot:

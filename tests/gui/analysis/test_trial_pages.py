@@ -88,7 +88,7 @@ def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
     names = [scale.axis.labelText for scale in view.scales]
     assert names == ["Rate (Hz)", "Count (spikes)"]
     top_hz = view.features.values[:18].max()
-    assert view.scales[0].levels() == tuple(image.levels) == (0, pytest.approx(top_hz))
+    assert tuple(view.scales[0].viewRange()[1]) == tuple(image.levels) == (0, pytest.approx(top_hz))
     assert view.plots[1].getAxis("bottom").labelText == "Window, 12 mm of texture each"
     assert view.plots[1].getAxis("bottom")._tickLevels[0] == [(0.5, "1"), (1.5, "2")]
 
