@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 from PySide6.QtCore import Qt, QTimer, Signal
@@ -124,7 +124,7 @@ class ProtocolEditor(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.text = ProtocolTextEdit()
-        self.form, self.finger_form = KeyForm(is_finger=False), KeyForm(is_finger=True)
+        self.form = KeyForm(is_finger=False)
         self.waiting = label("", "bad", wraps=True)
         self.views = QStackedWidget()
         self.form_button = push_button("Form", self._show_view, "Edit the protocol in a form")
@@ -201,6 +201,14 @@ class ProtocolEditor(QWidget):
         """The name of the file that the text becomes."""
         return typed_path(self.path.text()).name or NAME
 
+    @cached_property
+    def finger_form(self) -> KeyForm:
+        """The form of the moving finger's protocols, made with the first of these."""
+        form = KeyForm(is_finger=True)
+        form.edited.connect(self._edit)
+        self.views.addWidget(scroll_area(form))
+        return form
+
     @property
     def _shown_form(self) -> KeyForm:
         return self.finger_form if self._content.is_finger else self.form
@@ -224,14 +232,12 @@ class ProtocolEditor(QWidget):
             self._content = content
             self._shown_form.show_content(content)
         self.waiting.setVisible(bool(content.problem))
-        self.form.setEnabled(not content.problem)
-        self.finger_form.setEnabled(not content.problem)
+        self._shown_form.setEnabled(not content.problem)
         self._show_view()
 
     def _show_view(self) -> None:
-        is_text = self.text_button.isChecked()
-        place = 2 if is_text else 1 if self._content.is_finger else 0
-        self.views.setCurrentIndex(place)
+        place = 2 if self._content.is_finger else 0
+        self.views.setCurrentIndex(1 if self.text_button.isChecked() else place)
 
     def _edit(self, edits: list[tuple[KeyPath, Any]]) -> None:
         def edited(text: str) -> str:
@@ -277,8 +283,7 @@ class ProtocolEditor(QWidget):
         document.redoAvailable.connect(self.redo_button.setEnabled)
         self.text.textChanged.connect(self._on_changed)
         document.modificationChanged.connect(lambda _: self.modified_changed.emit())
-        for form in (self.form, self.finger_form):
-            form.edited.connect(self._edit)
+        self.form.edited.connect(self._edit)
         _add_shortcut(self.views, QKeySequence.StandardKey.Undo, self.text.undo)
         _add_shortcut(self.views, QKeySequence.StandardKey.Redo, self.text.redo)
         steps.insert_requested.connect(self._insert_step)
@@ -294,7 +299,7 @@ class ProtocolEditor(QWidget):
         self.form_button.setChecked(True)
         for button in (self.undo_button, self.redo_button):
             button.setEnabled(False)
-        for view in (scroll_area(self.form), scroll_area(self.finger_form), self.text):
+        for view in (scroll_area(self.form), self.text):
             self.views.addWidget(view)
         top = hbox(
             self.form_button, self.text_button, self.undo_button, self.redo_button,
