@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -24,7 +25,9 @@ from rigctl.engine.rpc.engine_files import place_machine_code
 from rigctl.errors import RigctlError, WrongUse
 
 if TYPE_CHECKING:
+    from gui.link.engine_link import ClientFactory
     from gui.shell.main_window import MainWindow
+    from rigctl.engine.rpc.client import EngineClient
 
 MIN_WIDTH_PX, MIN_HEIGHT_PX = 1024, 700
 
@@ -136,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
     with paused_collector():
         check_display()
         _check_request(args)
-        window = _shown_window(args.theme)
+        window = _shown_window(args.theme, _opened_early(args))
     from PySide6.QtCore import QTimer
     from PySide6.QtWidgets import QApplication
     from shiboken6 import delete
@@ -191,7 +194,29 @@ def _check_request(args: argparse.Namespace) -> None:
         load_world(args.world)
 
 
-def _shown_window(theme: str | None) -> MainWindow:
+def _opened_early(args: argparse.Namespace) -> ClientFactory:
+    """Begin to start the engine of the only rig, while the window is made; return who gives it.
+
+    An engine that no window takes ends by itself.
+    """
+    from gui.link.engine_link import open_client
+
+    if len(args.rig or ()) != 1:
+        return open_client
+    wanted = args.rig[0], str(args.world or "")
+    with_thread = ThreadPoolExecutor(1)
+    opening = [with_thread.submit(open_client, *wanted)]
+    with_thread.shutdown(wait=False)
+
+    def open_or_take(rig: str, world: str = "") -> EngineClient:
+        if opening and (rig, world) == wanted:
+            return opening.pop().result()
+        return open_client(rig, world)
+
+    return open_or_take
+
+
+def _shown_window(theme: str | None, factory: ClientFactory) -> MainWindow:
     """Return the window with the user's settings; errors of Python go to its log and a report."""
     import pyqtgraph as pg
     from PySide6.QtGui import QIcon
@@ -209,7 +234,7 @@ def _shown_window(theme: str | None) -> MainWindow:
     settings = UserSettings.of_user()
     themes = ThemeChoice.__members__
     kept = settings.value("theme", ThemeChoice.SYSTEM.name, themes.__contains__)
-    window = MainWindow(choice=themes[(theme or kept).upper()], settings=settings)
+    window = MainWindow(factory, themes[(theme or kept).upper()], settings=settings)
     crashes = CrashReporter(settings.folder / REPORTS, window.event_log.toPlainText)
     crashes.reported.connect(lambda *said: window.peers[0].report(*said))
     crashes.install()

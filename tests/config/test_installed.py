@@ -49,8 +49,8 @@ def look(window):
         window.attach.leave()
     else:
         QTimer.singleShot(20, lambda: look(window))
-def shown_and_used(theme):
-    window = shown(theme)
+def shown_and_used(*how):
+    window = shown(*how)
     QTimer.singleShot(0, window.start.virtual.click)
     QTimer.singleShot(0, lambda: look(window))
     return window
