@@ -15,7 +15,7 @@ from typing import Any
 from tests.installed import build_wheel, install
 
 ROUNDS = 5
-MOST_HELPS, MOST_WINDOWS = 1.0, 3.75
+MOST_HELPS, MOST_WINDOWS = 1.0, 3.0
 """Limits in units of the peer's time in the same run, so that they hold on any processor."""
 HELP = """
 import sys
