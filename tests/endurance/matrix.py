@@ -146,7 +146,7 @@ class _Scene:
     def saw(self, harness: EngineHarness) -> str:
         """Return the first sentence that the user read."""
         told = (e.text for e in harness.events[self._first_event :] if e.kind in SEEN)
-        sentence = re.sub(r"^(drum|taxels): | /\S+", "", next(told, ""))
+        sentence = re.sub(r"^(drum|taxels): |/\S*/", "", next(told, ""))
         return re.split(r"[:;(]", sentence, maxsplit=1)[0].strip()
 
 
