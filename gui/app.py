@@ -204,9 +204,9 @@ def _opened_early(args: argparse.Namespace) -> ClientFactory:
     if len(args.rig or ()) != 1:
         return open_client
     wanted = args.rig[0], str(args.world or "")
-    with_thread = ThreadPoolExecutor(1)
-    opening = [with_thread.submit(open_client, *wanted)]
-    with_thread.shutdown(wait=False)
+    thread = ThreadPoolExecutor(1)
+    opening = [thread.submit(open_client, *wanted)]
+    thread.shutdown(wait=False)
 
     def open_or_take(rig: str, world: str = "") -> EngineClient:
         if opening and (rig, world) == wanted:

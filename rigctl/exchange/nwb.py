@@ -8,6 +8,7 @@ without a table of trials is one trial, whose names have nothing before them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,25 +42,23 @@ def read_nwb(path: Path) -> dict[str, Any]:
     beside the nearest of these, and NaN between. Raises WrongUse for a damaged file and for one
     without a series.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            series = sorted(_acquired(file), key=_fastest_first)
-            rows = _trial_rows(file)
-    except HDF5_ERRORS as error:
-        raise WrongUse(f"{path} is not an NWB file, or is damaged: {describe(error)}") from error
-    if not series:
-        raise WrongUse(f"{path} has no time series with numbers among its acquisitions")
-    if len(rows) > MAX_FILE_TRIALS:
-        raise WrongUse(f"{path} has {len(rows):,} trials; {MAX_FILE_TRIALS:,} at most")
-    times_s = series[0].times_s
-    columns = {TIME: times_s} | {one.name: _beside(one, times_s) for one in series}
-    if not rows:
+    with _opened(path) as file:
+        series = sorted(_acquired(file), key=_fastest_first)
+        if not series:
+            raise WrongUse(f"{path} has no time series with numbers among its acquisitions")
+        times_s = series[0].times_s
+        columns = {TIME: times_s} | {one.name: _beside(one, times_s) for one in series}
+        rows = _trial_rows(file)
+        if len(rows) > MAX_FILE_TRIALS:
+            raise WrongUse(f"{path} has {len(rows):,} trials; {MAX_FILE_TRIALS:,} at most")
+        early_s = HALF_SAMPLE * float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+        trials = [{**_cut(columns, labels, early_s), **labels} for labels in rows]
+    if not trials:
         return columns
-    early_s = HALF_SAMPLE * float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
     return {
         f"{TRIALS}.{number}.{name}": value
-        for number, labels in enumerate(rows, 1)
-        for name, value in {**_cut(columns, labels, early_s), **labels}.items()
+        for number, trial in enumerate(trials, 1)
+        for name, value in trial.items()
     }
 
 
@@ -67,8 +66,20 @@ def is_simulated(path: Path) -> bool:
     """Return whether a file is one of NWB whose keywords say that its data are simulated."""
     if path.suffix.lower() != SUFFIX:
         return False
-    with h5py.File(path, "r") as file:
-        return b"simulated" in file.get("general/keywords", np.empty(0, object))[()]
+    with _opened(path) as file:
+        if not _has(file, "general") or not _has(member(file, "general"), "keywords"):
+            return False
+        return b"simulated" in np.atleast_1d(_dataset(file, "general/keywords")[()]).tolist()
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """Open a file. Raises WrongUse where something in it is not as NWB has it."""
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except HDF5_ERRORS as error:
+        raise WrongUse(f"{path} is not an NWB file, or is damaged: {describe(error)}") from error
 
 
 def _cut(
@@ -96,37 +107,59 @@ def _fastest_first(series: _Series) -> int:
 
 def _acquired(file: h5py.File) -> Iterator[_Series]:
     """Yield the series of numbers."""
-    group = member(file, "acquisition")
+    group = member(file, "acquisition") if _has(file, "acquisition") else {}
     for name in group:
         node = member(group, name)
-        if not isinstance(node, h5py.Group) or "data" not in node:
+        if not isinstance(node, h5py.Group) or not _has(node, "data"):
             continue
-        data = member(node, "data")
+        data = _dataset(node, "data")
         if data.ndim in (1, 2) and data.dtype.kind in NUMBERS:
             yield _Series(name, data[()], _times_s(node, len(data)))
 
 
 def _times_s(node: h5py.Group, n_samples: int) -> Floats:
     """Return the time of each sample, from its time stamps or from start and rate."""
-    if "timestamps" in node:
-        # A series may have the time stamps of another one by a link inside the file.
-        if isinstance(node.get("timestamps", getlink=True), h5py.ExternalLink):
-            raise ValueError(f"{node.name}/timestamps are in another file")
-        return np.asarray(node["timestamps"][()], np.float64)
-    start = member(node, "starting_time")
-    return float(start[()]) + np.arange(n_samples) / float(start.attrs["rate"])
+    if not _has(node, "timestamps"):
+        start = _dataset(node, "starting_time")
+        return float(start[()]) + np.arange(n_samples) / float(start.attrs["rate"])
+    link = node.get("timestamps", getlink=True)
+    # A series may have the time stamps of another one, by a link inside the file.
+    place = link.path if isinstance(link, h5py.SoftLink) else f"{node.name}/timestamps"
+    stamps = _dataset(node.file, place)
+    if stamps.dtype.kind not in NUMBERS or stamps.shape != (n_samples,):
+        raise ValueError(f"{node.name}/timestamps are not one number for each sample")
+    return np.asarray(stamps[()], np.float64)
 
 
 def _trial_rows(file: h5py.File) -> list[dict[str, Any]]:
     """Return each trial's row of the table of trials: numbers and texts by column."""
-    if TRIALS not in file.get("intervals", ()):
+    if not _has(file, "intervals") or not _has(member(file, "intervals"), TRIALS):
         return []
     table = member(member(file, "intervals"), TRIALS)
-    columns = {name: member(table, name) for name in table.attrs["colnames"]}
-    plain = {
-        name: column.asstr()[()] if h5py.check_string_dtype(column.dtype) else column[()]
-        for name, column in columns.items()
-        if column.ndim == 1 and f"{name}_index" not in table
-    }
-    n_trials = len(plain["start_time"])
-    return [{name: values[row] for name, values in plain.items()} for row in range(n_trials)]
+    columns = {}
+    for name in table.attrs["colnames"]:
+        column = _dataset(table, str(name))
+        if column.ndim == 1 and not _has(table, f"{name}_index"):
+            if h5py.check_string_dtype(column.dtype):
+                columns[str(name)] = column.asstr(errors="replace")[()]
+            elif column.dtype.kind in NUMBERS:
+                columns[str(name)] = column[()]
+    lengths = {len(column) for column in columns.values()}
+    if len(lengths) != 1:
+        raise ValueError("the columns of /intervals/trials have different lengths")
+    return [{name: column[row] for name, column in columns.items()} for row in range(*lengths)]
+
+
+def _has(group: Any, name: str) -> bool:
+    """Return whether a group has a member of that name, without following a link."""
+    return isinstance(group, h5py.Group) and group.get(name, getlink=True) is not None
+
+
+def _dataset(group: Any, path: str) -> h5py.Dataset:
+    """Return a data set of the file itself. Raises ValueError for anything else."""
+    node = group
+    for name in path.strip("/").split("/"):
+        node = member(node, name) if isinstance(node, h5py.Group) else None
+    if not isinstance(node, h5py.Dataset):
+        raise ValueError(f"{group.name}/{path} is not a data set".replace("//", "/"))
+    return node

@@ -1,4 +1,4 @@
-"""Recordings from elsewhere: CSV, NumPy and MATLAB files, imported with a map of their columns."""
+"""Recordings from elsewhere: CSV, NumPy, MATLAB and NWB files, imported with a map."""
 
 from __future__ import annotations
 
@@ -26,6 +26,10 @@ pattern = '(?P<texture>[a-z]+)_(?P<speed>-?\d+)cm_(?P<force>[\d.]+)N_(?P<repeat>
 TIMED = PATTERN + '[time]\ncolumn = "t"\nunit = "ms"\n[taxels]\ncolumns = ["a..c"]\n'
 RATED = PATTERN + '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["1..3"]\n'
 NAMED = PATTERN + '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["run.a", "run.b"]\n'
+ELEMENTS = (
+    '[trials]\nelements = "trials"\n[time]\ncolumn = "time"\n[taxels]\ncolumns = ["skin1..skin3"]\n'
+    '[labels]\ntexture_column = "texture"\nspeed_column = "speed"\n[loadcell]\ncolumn = "load"\n'
+)
 ROWS = np.arange(120)[:, None] * 3.25 + np.array([0.0, 100.0, 200.0])
 
 
@@ -66,6 +70,21 @@ def write_mat73(path: Path) -> None:
         file["text"].attrs["MATLAB_class"] = np.bytes_("char")
 
 
+def write_nwb(path: Path) -> None:
+    """Write what the reader takes of an NWB file: two trials of a series, and a slower one."""
+    with h5py.File(path, "w", libver=("v110", "v110")) as file:
+        file["acquisition/skin/data"] = ROWS
+        file["acquisition/skin/starting_time"] = 0.0
+        file["acquisition/skin/starting_time"].attrs["rate"] = 1000.0
+        file["acquisition/load/data"] = np.arange(9.0)
+        file["acquisition/load/timestamps"] = np.arange(9) / 80
+        file["general/keywords"] = np.array([b"tactile", b"simulated"])
+        trials = file.create_group("intervals/trials")
+        trials.attrs["colnames"] = ["start_time", "stop_time", "texture", "speed"]
+        trials["start_time"], trials["stop_time"] = [0.0, 0.06], [0.05, 0.12]
+        trials["texture"], trials["speed"] = np.array([b"felt", b"cork"], object), [40.0, 80.0]
+
+
 def import_kind(
     name: str,
     suffix: str,
@@ -97,5 +116,6 @@ IMPORT_KINDS = (
     import_kind("npy", ".npy", write_npy, RATED, BYTES),
     import_kind("npz", ".npz", write_npz, TIMED, BYTES),
     import_kind("mat", ".mat", write_mat, NAMED, BYTES),
+    import_kind("nwb", ".nwb", write_nwb, ELEMENTS, HDF5),
     import_kind("mat73", ".mat", write_mat73, NAMED, HDF5),
 )
