@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from rigctl.config.resources import WINDOW_DEBIAN_PACKAGES
@@ -139,6 +139,9 @@ def run(args: argparse.Namespace) -> int:
     with paused_collector():
         check_display()
         _check_request(args)
+        is_asked = Event()  # to leave, while there is no window yet
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: is_asked.set())
         window = _shown_window(args.theme, _opened_early(args))
     from PySide6.QtCore import QTimer
     from PySide6.QtWidgets import QApplication
@@ -147,6 +150,8 @@ def run(args: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         # Python calls this in the middle of anything, such as a redraw that reads the live data.
         signal.signal(number, lambda *_: QTimer.singleShot(0, partial(_leave, window)))
+    if is_asked.is_set():
+        QTimer.singleShot(0, partial(_leave, window))
     Thread(target=_load_compiler).start()
     window.analysis_tab.prepare()
     QTimer.singleShot(SOON_MS, window, window.fit_screen)  # its frame is there by then

@@ -443,7 +443,8 @@ def read_attributes(node: Any) -> dict[str, Any]:
 
     Raises what h5py raises, and ValueError for what is no number, no text and no list of these.
     """
-    return {name: _to_python(name, value) for name, value in node.attrs.items()}
+    # Not by items(): it holds h5py's lock until its end, and an error here leaves it without one.
+    return {name: _to_python(name, node.attrs[name]) for name in list(node.attrs)}
 
 
 def write_attributes(node: Any, attributes: Attributes) -> None:

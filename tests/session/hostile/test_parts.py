@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import h5py
@@ -151,6 +152,19 @@ def test_an_attribute_of_another_kind_is_refused(sessions: Path, value: Any) -> 
     with h5py.File(part, "r+", libver=LIBVER) as file:
         file.attrs["operator"] = value
     assert "operator" in refusal(part)
+
+
+def test_a_refused_attribute_keeps_no_other_thread_from_reading(sessions: Path) -> None:
+    """h5py's views of attributes hold its lock until their end; a recorder waited for ever."""
+    part = sessions / "drum" / "part-0001.h5"
+    with h5py.File(part, "r+", libver=LIBVER) as file:
+        file.attrs["operator"] = np.zeros((2, 2))
+    with pytest.raises(SessionError) as refused:
+        PartReader(part).close()
+    reader = Thread(target=lambda: h5py.File(part, "r").close(), daemon=True)
+    reader.start()
+    reader.join(10)
+    assert "operator" in str(refused.value) and not reader.is_alive()
 
 
 def test_names_of_attributes_are_shown_short_and_without_control_characters(
