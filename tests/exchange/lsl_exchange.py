@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from contextlib import ExitStack
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pylsl
 import pytest
 from numpy.typing import NDArray
 
@@ -70,3 +72,30 @@ def test_every_sample_is_recorded_once_with_spikes_pulses_and_events(
     assert found["taxels"]["longest_ms"] < 2.0
     assert found["pulses"]["rows"] > 0 and found["spikes"]["rows"] >= found["pulses"]["rows"]
     assert "state: armed, lifted" in found["events"]["texts"]
+
+
+def test_the_moving_finger_streams_its_taxels_spikes_and_events(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
+    (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = machine\n")
+    monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl_api.cfg"))
+    words = ["realtime", "train", "--out", str(tmp_path / "session"), "--paced", "--yes", "--lsl"]
+    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+    with subprocess.Popen([sys.executable, "-m", "rigctl", *words], text=True, **pipes) as run:
+        assert run.stderr is not None
+        said = next(line for line in run.stderr if "streams of" in line)
+        assert "rigctl virtual taxels, rigctl virtual spikes" in said
+        found = {each.type(): each for each in pylsl.resolve_streams(2.0)}
+        inlets = {kind: pylsl.StreamInlet(found[kind]) for kind in ("Tactile", "Spikes")}
+        train, _ = inlets["Spikes"].pull_sample(30.0)
+        readings, times_s = inlets["Tactile"].pull_chunk(10.0, 500)
+        for inlet in inlets.values():
+            inlet.close_stream()
+        run.send_signal(signal.SIGINT)
+        run.stderr.read()
+        assert run.wait(60) == 130
+    assert np.shape(readings) == (500, 9) and np.ptp(readings) > 0
+    assert np.diff(times_s).min() >= 0 and np.median(np.diff(times_s)) == pytest.approx(1e-3)
+    assert train is not None and 1 <= train[0] <= 9
+    assert {"Stimulation", "Markers"} <= found.keys()

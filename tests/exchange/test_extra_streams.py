@@ -270,30 +270,6 @@ def test_a_run_streams_from_the_command_line_while_it_goes_on(tmp_path: Path) ->
         assert run.wait(60) == 130, "it was aborted while it waited for its first plate"
 
 
-def test_the_moving_finger_streams_its_taxels_spikes_and_events(tmp_path: Path) -> None:
-    import pylsl
-
-    words = ["realtime", "train", "--out", str(tmp_path / "session"), "--paced", "--yes", "--lsl"]
-    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
-    with subprocess.Popen([sys.executable, "-m", "rigctl", *words], text=True, **pipes) as run:
-        assert run.stderr is not None
-        said = next(line for line in run.stderr if "streams of" in line)
-        assert "rigctl virtual taxels, rigctl virtual spikes" in said
-        found = {each.type(): each for each in pylsl.resolve_streams(2.0)}
-        inlets = {kind: pylsl.StreamInlet(found[kind]) for kind in ("Tactile", "Spikes")}
-        train, _ = inlets["Spikes"].pull_sample(30.0)
-        readings, times_s = inlets["Tactile"].pull_chunk(10.0, 500)
-        for inlet in inlets.values():
-            inlet.close_stream()
-        run.send_signal(signal.SIGINT)
-        run.stderr.read()
-        assert run.wait(60) == 130
-    assert np.shape(readings) == (500, 9) and np.ptp(readings) > 0
-    assert np.diff(times_s).min() >= 0 and np.median(np.diff(times_s)) == pytest.approx(1e-3)
-    assert train is not None and 1 <= train[0] <= 9
-    assert {"Stimulation", "Markers"} <= found.keys()
-
-
 def _wait_event(rig: rigctl.ConnectedRig, beginning: str) -> None:
     for _ in range(200):
         if any(str(e.get("text")).startswith(beginning) for e in rig.client.wait(0.1)):
