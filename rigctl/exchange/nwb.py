@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from rigctl.errors import WrongUse
 from rigctl.exchange.matlab import member
-from rigctl.exchange.recording_tables import MAX_FILE_TRIALS
+from rigctl.exchange.recording_tables import MAX_FILE_TRIALS, Floats
 from rigctl.session.hdf5_file import HDF5_ERRORS, NUMBERS, describe
 
-Floats = NDArray[np.float64]
 SUFFIX = ".nwb"
 TRIALS, TIME = "trials", "time"
 HALF_SAMPLE = 0.5
