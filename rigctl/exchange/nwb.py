@@ -120,7 +120,11 @@ def _times_s(node: h5py.Group, n_samples: int) -> Floats:
     """Return the time of each sample, from its time stamps or from start and rate."""
     if not _has(node, "timestamps"):
         start = _dataset(node, "starting_time")
-        return float(start[()]) + np.arange(n_samples) / float(start.attrs["rate"])
+        numbers = [np.asarray(value) for value in (start[()], start.attrs["rate"])]
+        if any(number.dtype.kind not in NUMBERS for number in numbers):
+            raise ValueError(f"{start.name} or its rate is not a number")
+        start_s, rate_hz = map(float, numbers)
+        return start_s + np.arange(n_samples) / rate_hz
     link = node.get("timestamps", getlink=True)
     # A series may have the time stamps of another one, by a link inside the file.
     place = link.path if isinstance(link, h5py.SoftLink) else f"{node.name}/timestamps"

@@ -110,3 +110,13 @@ def test_data_in_another_file_are_not_read(tmp_path: Path) -> None:
         file["acquisition/skin/timestamps"] = h5py.ExternalLink("/etc/passwd", "/x")
     with pytest.raises(WrongUse, match="link to another place"):
         read_nwb(path)
+
+
+def test_a_rate_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    """A fuzzer gave one an imaginary part, of which NumPy only warned."""
+    skin = TimeSeries(name="skin", data=np.zeros(9), unit="V", rate=1.0)
+    path = write_nwb(tmp_path / "x.nwb", skin)
+    with h5py.File(path, "r+") as file:
+        file["acquisition/skin/starting_time"].attrs["rate"] = 1j
+    with pytest.raises(WrongUse, match="starting_time or its rate is not a number"):
+        read_nwb(path)
