@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,14 @@ def shown_and_used(*how):
     return window
 gui.app._shown_window = shown_and_used
 raise SystemExit(gui.app.main([]))
+"""
+DAY = """
+import sys
+sys.path += sys.argv[1:3]  # behind the wheel: the tests, and what they need
+import gui.app, pytest
+print(gui.app.__file__, flush=True)
+options = ["-q", "-p", "no:cacheprovider", "-c", "/dev/null", "--rootdir", sys.argv[1]]
+raise SystemExit(pytest.main([*options, sys.argv[3]]))
 """
 TINY = """
 name = "tiny"
@@ -174,6 +183,17 @@ def test_a_strangers_hour(installed: Installed) -> None:
         "report: report/report.html",
     ):
         assert promised in said
+
+
+def test_a_day_in_the_window_that_the_wheel_brings(installed: Installed, tmp_path: Path) -> None:
+    """What the tutorial does in the window is done there: bring up, touch, run, note, analyse."""
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    page = str(tmp_path / "tests" / "gui" / "shell" / "test_day_by_keyboard.py")
+    ran = installed.run(
+        installed.python, "-c", DAY, str(tmp_path), sysconfig.get_path("purelib"), page
+    )
+    assert ran.returncode == 0 and "1 passed" in ran.stdout, ran
+    assert ran.stdout.startswith(str(installed.packages))
 
 
 def without_rights(shared_memory: str) -> list[str]:
