@@ -18,8 +18,8 @@ MAX_LAG_S = 0.5
 """A paced simulation drops a longer lag instead of catching up: people are watching it."""
 
 PACED_SLICE_US = 5_000
-"""A paced simulation works in small steps: what falls due at the end of a step, such as a delivery
-of the cable, is late by the cost of simulating that step."""
+"""A paced simulation works in small steps, which end at multiples of this: what falls due there,
+such as a delivery of the cable, is late by the cost of simulating the step, and not by its rest."""
 
 TURNS_PER_SELECT = 8
 """A free-running simulation polls its files once in this many turns: each poll is a system call,
@@ -67,7 +67,9 @@ class _SimulationSelector(selectors.DefaultSelector):
 
     def _slice_us(self) -> int:
         longest_us = self._simulation.slice_us
-        return longest_us if self._pace is None else min(longest_us, PACED_SLICE_US)
+        if self._pace is None:
+            return longest_us
+        return min(longest_us, PACED_SLICE_US - self._simulation.time_us % PACED_SLICE_US)
 
     def _poll(self) -> _Ready:
         """Return the files that are ready; a free-running simulation sees them some turns late."""

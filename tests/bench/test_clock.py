@@ -134,6 +134,18 @@ def test_a_paced_loop_stops_at_its_timers_too() -> None:
         loop.close()
 
 
+def test_a_paced_loop_ends_its_steps_where_a_cable_delivers() -> None:
+    simulation = ClockOnly(slice_us=20_000)
+    loop = SimulatedTimeLoop(simulation, pace=50.0)
+    try:
+        for timer_s in (0.0123, 0.0301):
+            loop.call_later(timer_s, lambda: None)
+        loop.run_until_complete(asyncio.sleep(0.06))
+        assert {20_000, 40_000, 60_000} <= set(simulation.advances)
+    finally:
+        loop.close()
+
+
 def test_a_busy_client_does_not_stop_a_paced_simulation() -> None:
     loop = SimulatedTimeLoop(ClockOnly(), pace=50.0)
     here, there = socket.socketpair()

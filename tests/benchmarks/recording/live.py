@@ -52,7 +52,7 @@ def measure() -> Iterator[dict[str, Any]]:
     yield _row("live.scroll_back_ms_p99", ours.back, 99, BACK_NOTE, None, 16.0)
     yield _row("live.zoom_ms_p99", ours.zoomed, 99, ZOOM_NOTE, None, 16.0)
     shares = measured_shares_ms(SIZE, SECONDS)
-    yield _row("live.sample_to_pixel_ms_p99", shares.sum(axis=1), 99, _age_note(shares), None, 50.0)
+    yield _row("live.sample_to_pixel_ms_p99", shares.sum(axis=1), 99, _age_note(shares), None, 36.0)
     for station, share in zip(STATIONS, shares.T, strict=True):
         yield _row(f"live.sample_to_pixel_{station}_ms_p99", share, 99, STATION_NOTE, None, None)
 
