@@ -443,7 +443,7 @@ def read_attributes(node: Any) -> dict[str, Any]:
 
     Raises what h5py raises, and ValueError for what is no number, no text and no list of these.
     """
-    stored = node.attrs  # each call of it opens the file's root
+    stored = node.attrs  # for a file, each use of attrs opens its root anew
     # Not by items(): it holds h5py's lock until its end, and an error here leaves it without one.
     return {name: _to_python(name, stored[name]) for name in list(stored)}
 
