@@ -369,21 +369,6 @@ def _part_starts(folder: Path) -> dict[int, Start]:
     return starts
 
 
-def _sittings(starts: Mapping[int, Start]) -> dict[int, int]:
-    """Return the sitting of each part, from 1: every start of the program begins one.
-
-    A missing part between two sittings may have had one of its own, so later ones are not known.
-    """
-    sittings: dict[int, int] = {}
-    last_start, last_number = None, 0
-    for number, start in sorted(starts.items()):
-        if start != last_start and number > last_number + 1:
-            break
-        sittings[number] = sittings.get(last_number, 0) + (start != last_start)
-        last_start, last_number = start, number
-    return sittings
-
-
 def _parts_of(log: TruthReader, starts: Mapping[int, Start]) -> list[int]:
     """Return the numbers of the parts of a log's sitting."""
     return [number for number, start in starts.items() if start == log.start]
@@ -401,14 +386,14 @@ def begin_log(
     ``again``: the world has begun from its start once more, so this log replaces an older one of
     the same sitting when it is closed. Raises DiskFault.
     """
-    starts = _part_starts(folder)
-    own = _log_of(starts, folder, start) if again else None
-    sitting = log_number(own) if own is not None else _new_sitting(starts, folder, start)
+    own = _log_of(folder, start) if again else None
+    sitting = log_number(own) if own is not None else _new_sitting(folder)
     return TruthLog(folder, sitting, start, first_ms, columns)
 
 
-def _log_of(starts: Mapping[int, Start], folder: Path, start: Start) -> Path | None:
+def _log_of(folder: Path, start: Start) -> Path | None:
     """Return the log of the sitting with this start."""
+    starts = _part_starts(folder)
     for path in log_paths(folder):
         with suppress(SessionError), open_truth(path) as log:  # verify names a damaged one
             if start in [starts[number] for number in _parts_of(log, starts)]:
@@ -416,12 +401,9 @@ def _log_of(starts: Mapping[int, Start], folder: Path, start: Start) -> Path | N
     return None
 
 
-def _new_sitting(starts: Mapping[int, Start], folder: Path, start: Start) -> int:
-    """Return the number of a sitting that has no log yet, and perhaps no part."""
-    sittings = _sittings(starts)
-    own = [sitting for number, sitting in sittings.items() if starts[number] == start]
-    number = own[0] if own else max([0, *sittings.values()]) + 1
-    return max([number, *(log_number(path) + 1 for path in log_paths(folder))])
+def _new_sitting(folder: Path) -> int:
+    """Return the number of the sitting that follows those with a log."""
+    return max(map(log_number, log_paths(folder)), default=0) + 1
 
 
 TRUTH_PERIOD_MS = 2_000

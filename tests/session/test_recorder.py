@@ -6,16 +6,20 @@ import errno
 import shutil
 import subprocess
 import threading
+from contextlib import closing
 from itertools import product
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from h5py import h5f
 
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session import layout
-from rigctl.session.recorder import Recorder
+from rigctl.session import recorder as recorder_module
+from rigctl.session.part import PartReader
+from rigctl.session.recorder import Recorder, read_history
 from rigctl.session.session import Session
 from rigctl.session.session_reader import MOST_OPEN
 from rigctl.session.verify import verify
@@ -279,6 +283,22 @@ def test_resuming_needs_the_same_plan(tmp_path: Path) -> None:
         Recorder(tmp_path / "s", changed, PROTOCOL, RIG, resume=True)
     with pytest.raises(SessionError, match="is not a session"):
         Recorder(tmp_path / "new", header(), PROTOCOL, RIG, resume=True)
+
+
+def test_a_part_that_was_killed_before_its_first_digest_is_read_once_for_a_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, last = tmp_path / "s", layout.part_name(2)
+    record_plan(folder)
+    with h5py.File(folder / last, "r+") as file:
+        file[layout.DIGESTS.path].resize(0, axis=0)
+    known = read_history(folder)
+    with closing(PartReader(folder / last)) as part:
+        assert known.last_digest and not part.last_digest
+    read: list[Path] = []
+    monkeypatch.setattr(recorder_module, "open_session", read.append)
+    Recorder(folder, header(), PROTOCOL, RIG, resume=True, known=known).close()
+    assert not read
 
 
 def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
