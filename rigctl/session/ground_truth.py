@@ -369,6 +369,21 @@ def _part_starts(folder: Path) -> dict[int, Start]:
     return starts
 
 
+def _sittings(starts: Mapping[int, Start]) -> dict[int, int]:
+    """Return the sitting of each part, from 1: every start of the program begins one.
+
+    A missing part between two sittings may have had one of its own, so later ones are not known.
+    """
+    sittings: dict[int, int] = {}
+    last_start, last_number = None, 0
+    for number, start in sorted(starts.items()):
+        if start != last_start and number > last_number + 1:
+            break
+        sittings[number] = sittings.get(last_number, 0) + (start != last_start)
+        last_start, last_number = start, number
+    return sittings
+
+
 def _parts_of(log: TruthReader, starts: Mapping[int, Start]) -> list[int]:
     """Return the numbers of the parts of a log's sitting."""
     return [number for number, start in starts.items() if start == log.start]
@@ -387,7 +402,7 @@ def begin_log(
     the same sitting when it is closed. Raises DiskFault.
     """
     own = _log_of(folder, start) if again else None
-    sitting = log_number(own) if own is not None else _new_sitting(folder)
+    sitting = log_number(own) if own is not None else _new_sitting(folder, start)
     return TruthLog(folder, sitting, start, first_ms, columns)
 
 
@@ -401,9 +416,14 @@ def _log_of(folder: Path, start: Start) -> Path | None:
     return None
 
 
-def _new_sitting(folder: Path) -> int:
-    """Return the number of the sitting that follows those with a log."""
-    return max(map(log_number, log_paths(folder)), default=0) + 1
+def _new_sitting(folder: Path, start: Start) -> int:
+    """Return the number of a sitting that has no log yet, and perhaps no part."""
+    if logs := log_paths(folder):  # its parts need not be read, which are hundreds after weeks
+        return log_number(logs[-1]) + 1
+    starts = _part_starts(folder)
+    sittings = _sittings(starts)
+    own = [sitting for number, sitting in sittings.items() if starts[number] == start]
+    return own[0] if own else max([0, *sittings.values()]) + 1
 
 
 TRUTH_PERIOD_MS = 2_000

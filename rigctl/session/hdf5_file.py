@@ -16,7 +16,7 @@ from functools import cache
 from math import prod
 from mmap import mmap
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import h5py
 import numpy as np
@@ -173,8 +173,7 @@ class Hdf5File:
             self.file_bytes = os.fstat(file.fileno()).st_size
         self.is_growing = swmr
         self.is_cut = image is not None
-        self._datasets: dict[str, h5py.Dataset] = {}
-        self._types: dict[str, np.dtype[Any]] = {}
+        self._datasets: dict[str, _DataSet] = {}
         self._groups: dict[str, h5py.Group] = {}
         self._root_attributes: dict[str, Any] | None = None
         with hdf5_errors(path, "it"), _tell_unclosed(path):
@@ -206,11 +205,10 @@ class Hdf5File:
         """Check data sets against what is declared; from now on they can be read."""
         for schema in schemas:
             node = self._find(schema.path)
-            if not isinstance(node, h5py.Dataset):
+            if not isinstance(node, h5d.DatasetID):
                 what = "is missing" if node is None else "is not a data set"
                 raise damage(self.path, schema.path, what)
-            self._types[schema.path] = self._check_dataset(node, schema)
-            self._datasets[schema.path] = node
+            self._datasets[schema.path] = self._check_dataset(node, schema)
 
     def has(self, path: str) -> bool:
         """Return whether there is a group or a data set of this path."""
@@ -226,7 +224,7 @@ class Hdf5File:
         """Return the attributes of the root or of a data set as Python's own types."""
         if path != "/":
             with hdf5_errors(self.path, f"the attributes of {path}"):
-                return read_attributes(self._datasets[path])
+                return read_attributes(h5py.Dataset(self._datasets[path].id))
         if self._root_attributes is None:
             with hdf5_errors(self.path, "the attributes of the file"):
                 self._root_attributes = read_attributes(self._file)
@@ -234,17 +232,16 @@ class Hdf5File:
 
     def shape(self, path: str) -> tuple[int, ...]:
         """Return the shape of a data set."""
-        shape: tuple[int, ...] = self._datasets[path].shape
-        return shape
+        return self._datasets[path].shape
 
     def dtype(self, path: str) -> np.dtype[Any]:
         """Return the stored type of a data set."""
-        return self._types[path]
+        return self._datasets[path].dtype
 
     def rows(self, path: str, start: int = 0, stop: int | None = None) -> NDArray[Any]:
         """Return rows [start, stop) as stored."""
         with hdf5_errors(self.path, path):
-            return _read_rows(self._datasets[path].id, self._types[path], start, stop)
+            return _read_rows(self._datasets[path].id, self.dtype(path), start, stop)
 
     def row(self, path: str, index: int) -> Any:
         """Return one row as stored."""
@@ -287,7 +284,7 @@ class Hdf5File:
 
     def chunk_shape(self, path: str) -> tuple[int, ...]:
         """Return the shape of a data set's chunks, empty without any."""
-        return self._datasets[path].chunks or ()
+        return self._datasets[path].chunk
 
     def chunk_addresses(self, path: str) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
         """Return the first row and the byte in the file of each chunk, int64.
@@ -296,11 +293,11 @@ class Hdf5File:
         growing file leaves the chunks to HDF5.
         """
         stored, chunk = self._datasets[path], self.chunk_shape(path)
-        with hdf5_errors(self.path, path):
-            if self.is_growing or stored.id.get_create_plist().get_nfilters():
-                return None
-            chunks: list[Any] = []
-            if chunk:
+        if self.is_growing or stored.is_filtered:
+            return None
+        chunks: list[Any] = []
+        if chunk:
+            with hdf5_errors(self.path, path):
                 stored.id.chunk_iter(chunks.append)
         rows = np.array([each.chunk_offset[0] for each in chunks], np.uint64)
         starts = np.array([each.byte_offset for each in chunks], np.uint64)
@@ -313,7 +310,7 @@ class Hdf5File:
         if schema.path not in self._datasets:
             self.check([schema])
         with hdf5_errors(self.path, schema.path):
-            return self._datasets[schema.path][()]
+            return h5py.Dataset(self._datasets[schema.path].id)[()]
 
     def _find(self, path: str) -> Any:
         """Return the object that hard links lead to, None where a link is missing."""
@@ -332,26 +329,25 @@ class Hdf5File:
             raise damage(self.path, place, "is a link to another place, which may not be followed")
         with hdf5_errors(self.path, place):
             node = h5o.open(group.id, name.encode())
-            if isinstance(node, h5d.DatasetID):
-                return h5py.Dataset(node)
         if isinstance(node, h5g.GroupID):
             self._groups[place] = h5py.Group(node)
         return self._groups.get(place, node)
 
-    def _check_dataset(self, node: h5py.Dataset, schema: DataSetSchema) -> np.dtype[Any]:
-        """Check place, type, shape and size, in this order, before the first read; return the type.
+    def _check_dataset(self, node: h5d.DatasetID, schema: DataSetSchema) -> _DataSet:
+        """Check place, type, shape and size, in this order, before the first read.
 
         The place comes first: HDF5 opens the sources of a virtual data set to know its shape.
         """
         with hdf5_errors(self.path, schema.path):
-            plan = node.id.get_create_plist()
-            is_inside = plan.get_layout() != h5d.VIRTUAL and not plan.get_external_count()
+            plan = node.get_create_plist()
+            layout, is_filtered = plan.get_layout(), bool(plan.get_nfilters())
+            is_inside = layout != h5d.VIRTUAL and not plan.get_external_count()
         if not is_inside:
             what = "is stored outside the file, where nothing may be read"
             raise damage(self.path, schema.path, what)
         with hdf5_errors(self.path, schema.path):
             dtype = _found_type(node, schema)
-            shape = node.id.shape
+            shape = node.shape
         if dtype is None:
             raise damage(self.path, schema.path, f"is not {_type_name(schema)}")
         tail = () if shape is None else shape[1:]
@@ -359,13 +355,23 @@ class Hdf5File:
             raise damage(self.path, schema.path, f"has shape {shape}, not {_shape_name(schema)}")
         # Later than the shape: a living writer lengthens the file before it claims the rows.
         file_bytes = self.path.stat().st_size
-        chunk = plan.get_chunk() if plan.get_layout() == h5d.CHUNKED else ()
+        chunk = plan.get_chunk() if layout == h5d.CHUNKED else ()
         n_bytes, spare = prod(shape) * dtype.itemsize, prod(chunk) * dtype.itemsize
-        most = file_bytes * (DEFLATE_RATIO if plan.get_nfilters() else 1) + spare
+        most = file_bytes * (DEFLATE_RATIO if is_filtered else 1) + spare
         if n_bytes > most and not self.is_cut:
             what = f"claims {n_bytes} bytes in a file of {file_bytes}"
             raise damage(self.path, schema.path, what)
-        return dtype
+        return _DataSet(node, dtype, shape, chunk, is_filtered)
+
+
+class _DataSet(NamedTuple):
+    """A checked data set. ``shape``: when it was checked; ``chunk``: empty without any."""
+
+    id: h5d.DatasetID
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    chunk: tuple[int, ...]
+    is_filtered: bool
 
 
 def _read_rows(
@@ -403,10 +409,10 @@ def _tell_unclosed(path: Path) -> Iterator[None]:
         raise UnclosedFile(f"{path} was not closed by its writer, or is being written") from error
 
 
-def _found_type(node: h5py.Dataset, schema: DataSetSchema) -> np.dtype[Any] | None:
+def _found_type(node: h5d.DatasetID, schema: DataSetSchema) -> np.dtype[Any] | None:
     """Return the type of a data set, None for another one than declared."""
     # HDF5 compares faster than h5py translates a table's columns.
-    if schema.dtype is not None and node.id.get_type().equal(_stored_type(schema.dtype)):
+    if schema.dtype is not None and node.get_type().equal(_stored_type(schema.dtype)):
         return schema.dtype
     found: np.dtype[Any] = node.dtype
     if schema.dtype is None:

@@ -54,23 +54,25 @@ class MissingPart:
 
 
 MOST_OPEN = 32
-"""HDF5 takes a megabyte for each open part; a session of a week has hundreds."""
+"""HDF5 takes a megabyte for each open part, and looks through all that is open for each part that
+closes; a session of a week has hundreds."""
 
 
 def open_parts(paths: Sequence[Path]) -> tuple[list[PartReader], dict[int, str]]:
     """Open the parts that can be read; return them and the reason for each other one by number.
 
-    Only the last ones stay open. Of parts of several sessions, those of the most frequent plan are
-    read.
+    All stay open, or only the last one of more than ``MOST_OPEN``. Of parts of several sessions,
+    those of the most frequent plan are read.
     """
     parts: list[PartReader] = []
     damaged: dict[int, str] = {}
+    n_open = MOST_OPEN if len(paths) <= MOST_OPEN else 1
     for path in paths:
         try:
             parts.append(PartReader(path))
         except SessionError as error:
             damaged[part_number(path)] = _reason(path, error)
-        for part in parts[-1 - MOST_OPEN : -MOST_OPEN]:
+        for part in parts[-1 - n_open : -n_open]:
             part.close()
     for part, reason in _foreign(parts):
         part.close()
