@@ -71,6 +71,8 @@ JUDGES = (4, 5, 6)
 """Sessions that the search never sees."""
 
 REPEATS, DEPTH_REPEATS = 4, 2
+LEAST_REPEATS = 2
+"""With one, no trial of a condition is left to test."""
 CHANGED = 0.4
 """Share of the parameters that a random step changes."""
 
@@ -83,7 +85,9 @@ REPEATS_GAIN_POINTS = {
     "trained-both": 0.4,
 }
 """Percentage points that are added to a candidate's accuracies, because classifiers learn more from
-more repeats: with nominal values and seed 11, slides of 16 repeats were better than of 4 by it."""
+more repeats: with nominal values and seed 11, slides of 16 repeats were better than of 4 by it.
+Another skin may gain or lose ten points (decision 49): judge a result with ``--repeats 24``, where
+nothing is added."""
 
 SPREAD = 0.25
 """Relative size of a random change."""
@@ -119,11 +123,13 @@ MIN_VALUE = 1e-6
 class Candidate:
     """A set of parameters, its accuracies of the Original column, and the skin's excess.
 
+    ``repeats``: trials of each condition.
     ``depth``: the skin's figures at set depths. ``quiet``: share of SA trains, one of each taxel in
     each condition, that have less than :data:`rigctl.analysis.published.UNCONVERGED_RATE_HZ`.
     """
 
     parameters: WorldParameters
+    repeats: int
     original: dict[str, float]
     excess: float
     depth: SkinFigures
@@ -175,7 +181,7 @@ class ParameterSearch:
         """Evaluate and return one more candidate."""
         predict = len(self._candidates) > RANDOM_STEPS and len(self._candidates) % 2
         change = self._predicted_change() if predict else self._random_change()
-        candidate = evaluate(_changed(self.best.parameters, change))
+        candidate = evaluate(_changed(self.best.parameters, change), self.best.repeats)
         self.add(candidate)
         return candidate
 
@@ -247,18 +253,17 @@ def identified_parameters(parameters: WorldParameters) -> list[ParameterInfo]:
     return [row for row in parameter_infos(parameters) if row.source == IDENTIFIED]
 
 
-def evaluate(parameters: WorldParameters) -> Candidate:
+def evaluate(parameters: WorldParameters, repeats: int) -> Candidate:
     """Simulate and rate a set of parameters. Raises WrongUse for one outside its range."""
-    sessions = simulate_slides(validated(parameters), REPEATS, SEEDS)
+    sessions = simulate_slides(validated(parameters), repeats, SEEDS)
     found = [accuracies(session, seed) for seed, session in zip(SEEDS, sessions, strict=True)]
     excess = [measure_skin(session).excess for session in sessions]
     (deep,) = simulate_slides(parameters, DEPTH_REPEATS, SEEDS[:1], DEPTHS_MM)
     depth = skin_figures(deep.samples, deep.design)
-    means = {
-        key: float(np.mean([one[key] for one in found])) + REPEATS_GAIN_POINTS[key] for key in PAPER
-    }
+    gain = REPEATS_GAIN_POINTS if repeats == REPEATS else dict.fromkeys(PAPER, 0.0)
+    means = {key: float(np.mean([one[key] for one in found])) + gain[key] for key in PAPER}
     excess_of_all = float(np.mean(excess)) + depth.depth_excess
-    return Candidate(parameters, means, excess_of_all, depth, quiet_share(sessions[0]))
+    return Candidate(parameters, repeats, means, excess_of_all, depth, quiet_share(sessions[0]))
 
 
 def quiet_share(slides: SlideSession) -> float:
@@ -279,7 +284,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         world = NOMINAL_WORLD if options.world is None else load_world(options.world)
         start = replace(world.parameters, **dict(options.set))
-        search = _search(start, options.steps, options.seed)
+        search = _search(start, options.steps, options.seed, options.repeats)
     except RigctlError as error:
         print(f"rigctl: {error}", file=sys.stderr)
         return 2
@@ -295,9 +300,9 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _search(start: WorldParameters, steps: int, seed: int) -> ParameterSearch:
+def _search(start: WorldParameters, steps: int, seed: int, repeats: int) -> ParameterSearch:
     began_s = time.monotonic()
-    search = ParameterSearch(evaluate(start), seed)
+    search = ParameterSearch(evaluate(start, repeats), seed)
     for step in range(1, steps + 1):
         search.step()
         passed_s = time.monotonic() - began_s
@@ -322,6 +327,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=1, help="of the search (1)")
     parser.add_argument(
+        "--repeats",
+        type=_repeats,
+        default=REPEATS,
+        help=f"trials of each condition that rate a set ({REPEATS})",
+    )
+    parser.add_argument(
         "--set",
         type=_assignment,
         action="append",
@@ -330,6 +341,12 @@ def _parser() -> argparse.ArgumentParser:
         help="begin at another value of a parameter",
     )
     return parser
+
+
+def _repeats(text: str) -> int:
+    if not text.isdecimal() or int(text) < LEAST_REPEATS:
+        raise argparse.ArgumentTypeError(f"{text!r}: give a number from {LEAST_REPEATS} on")
+    return int(text)
 
 
 def _assignment(text: str) -> tuple[str, float]:

@@ -26,9 +26,8 @@ def start() -> Iterator[identify_bench.Candidate]:
     """Use one session of two repeats per candidate; return the first one."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(identify_bench, "SEEDS", (1,))
-        patch.setattr(identify_bench, "REPEATS", 2)
         patch.setattr(identify_bench, "SHOWN_REPEATS", 2)
-        yield identify_bench.evaluate(WorldParameters())
+        yield identify_bench.evaluate(WorldParameters(), 2)
 
 
 def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +96,7 @@ def test_a_parameter_is_identified_by_the_figure_that_it_moves_and_others_are_fr
 def test_the_command_prints_a_world_file(
     start: identify_bench.Candidate, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["--steps", "0", "--set", "plate_tilt_mm=0.02"]) == 0
+    assert main(["--steps", "0", "--repeats", "2", "--set", "plate_tilt_mm=0.02"]) == 0
     output = capsys.readouterr().out
     assert "plate_tilt_mm = 0.02  # mm" in output
     assert "# untrained-speed: " in output
@@ -107,16 +106,17 @@ def test_the_command_prints_a_world_file(
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        ("plate_tilt_mm=9", "plate_tilt_mm is 9 mm: choose 0 to 0.1"),
-        ("plate_tilt=1", "no parameter 'plate_tilt'"),
-        ("plate_tilt_mm=much", "write plate_tilt_mm=NUMBER"),
+        (("--set", "plate_tilt_mm=9"), "plate_tilt_mm is 9 mm: choose 0 to 0.1"),
+        (("--set", "plate_tilt=1"), "no parameter 'plate_tilt'"),
+        (("--set", "plate_tilt_mm=much"), "write plate_tilt_mm=NUMBER"),
+        (("--repeats", "1"), "'1': give a number from 2 on"),
     ],
 )
 def test_a_wrong_start_is_rejected_with_a_sentence(
-    wrong: str, why: str, capsys: pytest.CaptureFixture[str]
+    wrong: tuple[str, str], why: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:
-        assert main(["--steps", "0", "--set", wrong]) == 2
+        assert main(["--steps", "0", *wrong]) == 2
     except SystemExit as end:
         assert end.code == 2
     assert why in capsys.readouterr().err
