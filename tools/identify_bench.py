@@ -123,9 +123,9 @@ MIN_VALUE = 1e-6
 class Candidate:
     """A set of parameters, its accuracies of the Original column, and the skin's excess.
 
-    ``repeats``: trials of each condition.
-    ``depth``: the skin's figures at set depths. ``quiet``: share of SA trains, one of each taxel in
-    each condition, that have less than :data:`rigctl.analysis.published.UNCONVERGED_RATE_HZ`.
+    ``repeats``: trials of each condition. ``depth``: the skin's figures at set depths. ``quiet``:
+    share of SA trains, one of each taxel in each condition, that have less than
+    :data:`rigctl.analysis.published.UNCONVERGED_RATE_HZ`.
     """
 
     parameters: WorldParameters

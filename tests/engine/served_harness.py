@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
+import pytest
+
 from rigctl.engine import served_engine
 from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.engine.rpc.server import open_listener
@@ -53,13 +55,10 @@ class ServedHarness(ABC, Generic[_Rig, _Engine]):
         ``engine_ends``: the engine is to end first, which fails a test otherwise. It ends when
         nobody uses it, but a scenario that calls it directly does.
         """
-        idle_timeout_s = served_engine.IDLE_TIMEOUT_S
-        if not engine_ends:
-            served_engine.IDLE_TIMEOUT_S = math.inf
-        try:
+        with pytest.MonkeyPatch.context() as patch:
+            if not engine_ends:
+                patch.setattr(served_engine, "IDLE_TIMEOUT_S", math.inf)
             scenario_ended = self.engine.loop.run_until_complete(self._run(scenario, request))
-        finally:
-            served_engine.IDLE_TIMEOUT_S = idle_timeout_s
         assert scenario_ended is not engine_ends, f"who ended first? {self.events[-3:]}"
 
     def texts(self, kind: str) -> list[str]:
