@@ -360,8 +360,6 @@ class AccuracyPlots(PlotGrid):
         plot = add_plot(self.cells, row, column)
         view = plot.getViewBox()
         view.disableAutoRange()
-        for side in ("left", "bottom"):  # each change of a range wrote four labels
-            plot.getAxis(side).enableAutoSIPrefix(False)
         view.setLimits(
             xMin=0, xMax=(1 + MARGIN) * last_x(panel), yMin=0, yMax=ROOM * panel.y_range[1]
         )

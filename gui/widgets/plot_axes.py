@@ -81,6 +81,7 @@ class Plot(QGraphicsWidget):
         """Return the axis at the left, at the bottom or at the right, made when it is wanted."""
         if side not in self._axes:
             axis = self._axes[side] = pg.AxisItem(orientation=side, parent=self)
+            axis.autoSIPrefix = False  # it would write the label anew for each change of the range
             axis.linkToView(self._view)
             axis.setZValue(-1000)  # below what the view shows
             axis.setFlag(QGraphicsItem.GraphicsItemFlag.ItemNegativeZStacksBehindParent)
@@ -151,7 +152,6 @@ class ColourScale(Plot):
         for side in ("left", "bottom"):
             self.getAxis(side).hide()
         self.axis = self.getAxis("right")
-        self.axis.enableAutoSIPrefix(False)
         self.grid.setColumnFixedWidth(1, width_px)
         self.getViewBox().disableAutoRange()
         self.setMouseEnabled(x=False, y=False)
@@ -186,7 +186,6 @@ def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> Plot:
     for side in ("left", "bottom"):
         # Drawing nine axes in each frame takes longer than all curves; cached pixmaps do not.
         plot.getAxis(side).setStyle(hideOverlappingLabels=_BEYOND_PX)
-        plot.getAxis(side).enableAutoSIPrefix(False)
         plot.getAxis(side).setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
     return plot
 
