@@ -10,6 +10,7 @@ import argparse
 import math
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -123,14 +124,17 @@ MIN_VALUE = 1e-6
 class Candidate:
     """A set of parameters, its accuracies of the Original column, and the skin's excess.
 
-    ``repeats``: trials of each condition. ``depth``: the skin's figures at set depths. ``quiet``:
-    share of SA trains, one of each taxel in each condition, that have less than
+    ``repeats``: trials of each condition. ``errors``: standard errors of the accuracies, which are
+    means over the sessions of ``seeds``; NaN for a single one. ``depth``: the skin's figures at set
+    depths. ``quiet``: share of SA trains, one of each taxel in each condition, that have less than
     :data:`rigctl.analysis.published.UNCONVERGED_RATE_HZ`.
     """
 
     parameters: WorldParameters
     repeats: int
+    seeds: Sequence[int]
     original: dict[str, float]
+    errors: dict[str, float]
     excess: float
     depth: SkinFigures
     quiet: float
@@ -143,7 +147,10 @@ class Candidate:
 
     def lines(self) -> list[str]:
         """Format the six accuracies beside the paper's, and the figures at set depths."""
-        accuracies = [f"{key}: {self.original[key]:.1f} (paper {PAPER[key]:.1f})" for key in PAPER]
+        accuracies = [
+            f"{key}: {self.original[key]:.1f} ± {self.errors[key]:.1f} (paper {PAPER[key]:.1f})"
+            for key in PAPER
+        ]
         unconverged, entries = published.UNCONVERGED_C
         return [
             *accuracies,
@@ -181,7 +188,8 @@ class ParameterSearch:
         """Evaluate and return one more candidate."""
         predict = len(self._candidates) > RANDOM_STEPS and len(self._candidates) % 2
         change = self._predicted_change() if predict else self._random_change()
-        candidate = evaluate(_changed(self.best.parameters, change), self.best.repeats)
+        parameters = _changed(self.best.parameters, change)
+        candidate = evaluate(parameters, self.best.repeats, self.best.seeds)
         self.add(candidate)
         return candidate
 
@@ -253,17 +261,29 @@ def identified_parameters(parameters: WorldParameters) -> list[ParameterInfo]:
     return [row for row in parameter_infos(parameters) if row.source == IDENTIFIED]
 
 
-def evaluate(parameters: WorldParameters, repeats: int) -> Candidate:
+def evaluate(parameters: WorldParameters, repeats: int, seeds: Sequence[int] = SEEDS) -> Candidate:
     """Simulate and rate a set of parameters. Raises WrongUse for one outside its range."""
-    sessions = simulate_slides(validated(parameters), repeats, SEEDS)
-    found = [accuracies(session, seed) for seed, session in zip(SEEDS, sessions, strict=True)]
-    excess = [measure_skin(session).excess for session in sessions]
-    (deep,) = simulate_slides(parameters, DEPTH_REPEATS, SEEDS[:1], DEPTHS_MM)
+    found, excess, quiet = [], [], []
+    for seed in seeds:
+        (session,) = simulate_slides(validated(parameters), repeats, [seed])
+        found.append(list(accuracies(session, seed).values()))
+        excess.append(measure_skin(session).excess)
+        quiet.append(quiet_share(session))
+    (deep,) = simulate_slides(parameters, DEPTH_REPEATS, seeds[:1], DEPTHS_MM)
     depth = skin_figures(deep.samples, deep.design)
-    gain = REPEATS_GAIN_POINTS if repeats == REPEATS else dict.fromkeys(PAPER, 0.0)
-    means = {key: float(np.mean([one[key] for one in found])) + gain[key] for key in PAPER}
-    excess_of_all = float(np.mean(excess)) + depth.depth_excess
-    return Candidate(parameters, repeats, means, excess_of_all, depth, quiet_share(sessions[0]))
+    gains = REPEATS_GAIN_POINTS if repeats == REPEATS else dict.fromkeys(PAPER, 0.0)
+    means = np.mean(found, axis=0) + [gains[key] for key in PAPER]
+    errors = np.std(found, axis=0, ddof=1) / math.sqrt(len(seeds)) if len(seeds) > 1 else np.nan
+    return Candidate(
+        parameters,
+        repeats,
+        seeds,
+        dict(zip(PAPER, means.tolist(), strict=True)),
+        dict(zip(PAPER, np.broadcast_to(errors, means.shape).tolist(), strict=True)),
+        float(np.mean(excess)) + depth.depth_excess,
+        depth,
+        float(np.mean(quiet)),
+    )
 
 
 def quiet_share(slides: SlideSession) -> float:
@@ -284,7 +304,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         world = NOMINAL_WORLD if options.world is None else load_world(options.world)
         start = replace(world.parameters, **dict(options.set))
-        search = _search(start, options.steps, options.seed, options.repeats)
+        search = _search(evaluate(start, options.repeats, options.seeds), options)
     except RigctlError as error:
         print(f"rigctl: {error}", file=sys.stderr)
         return 2
@@ -300,9 +320,9 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _search(start: WorldParameters, steps: int, seed: int, repeats: int) -> ParameterSearch:
-    began_s = time.monotonic()
-    search = ParameterSearch(evaluate(start, repeats), seed)
+def _search(start: Candidate, options: argparse.Namespace) -> ParameterSearch:
+    began_s, steps = time.monotonic(), options.steps
+    search = ParameterSearch(start, options.seed)
     for step in range(1, steps + 1):
         search.step()
         passed_s = time.monotonic() - began_s
@@ -331,6 +351,13 @@ def _parser() -> argparse.ArgumentParser:
         type=_repeats,
         default=REPEATS,
         help=f"trials of each condition that rate a set ({REPEATS})",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        nargs="+",
+        default=SEEDS,
+        help=f"sessions that rate a set ({' '.join(map(str, SEEDS))})",
     )
     parser.add_argument(
         "--set",
