@@ -98,6 +98,7 @@ def terminals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminals]:
         monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 3.0)
     monkeypatch.setattr(boot_silence, "AFTER_OPEN_S", 0.3)
     monkeypatch.setattr(boot_silence, "ASK_S", 3.0)  # on a busy computer
+    monkeypatch.setattr(finger_module, "ANSWER_TIMEOUT_S", 3.0)
     there = Terminals()
     yield there
     there.close()
