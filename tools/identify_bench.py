@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -273,13 +274,16 @@ def evaluate(parameters: WorldParameters, repeats: int, seeds: Sequence[int] = S
     depth = skin_figures(deep.samples, deep.design)
     gains = REPEATS_GAIN_POINTS if repeats == REPEATS else dict.fromkeys(PAPER, 0.0)
     means = np.mean(found, axis=0) + [gains[key] for key in PAPER]
-    errors = np.std(found, axis=0, ddof=1) / math.sqrt(len(seeds)) if len(seeds) > 1 else np.nan
+    errors = dict.fromkeys(PAPER, math.nan)
+    if len(seeds) > 1:
+        spread = np.std(found, axis=0, ddof=1) / math.sqrt(len(seeds))
+        errors = dict(zip(PAPER, spread.tolist(), strict=True))
     return Candidate(
         parameters,
         repeats,
         seeds,
         dict(zip(PAPER, means.tolist(), strict=True)),
-        dict(zip(PAPER, np.broadcast_to(errors, means.shape).tolist(), strict=True)),
+        errors,
         float(np.mean(excess)) + depth.depth_excess,
         depth,
         float(np.mean(quiet)),
@@ -348,13 +352,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1, help="of the search (1)")
     parser.add_argument(
         "--repeats",
-        type=_repeats,
+        type=partial(_whole, LEAST_REPEATS),
         default=REPEATS,
         help=f"trials of each condition that rate a set ({REPEATS})",
     )
     parser.add_argument(
         "--seeds",
-        type=int,
+        type=partial(_whole, 0),
         nargs="+",
         default=SEEDS,
         help=f"sessions that rate a set ({' '.join(map(str, SEEDS))})",
@@ -370,9 +374,9 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _repeats(text: str) -> int:
-    if not text.isdecimal() or int(text) < LEAST_REPEATS:
-        raise argparse.ArgumentTypeError(f"{text!r}: give a number from {LEAST_REPEATS} on")
+def _whole(least: int, text: str) -> int:
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text!r}: give a number from {least} on")
     return int(text)
 
 

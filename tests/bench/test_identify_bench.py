@@ -73,9 +73,8 @@ def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(
         parameter_search = identify_bench.ParameterSearch(start, 5)
         candidates.append(parameter_search.step())
         assert parameter_search.best is min((start, candidates[-1]), key=lambda one: one.error)
-    one, again = candidates
-    assert (one.parameters, one.original) == (again.parameters, again.original)
-    assert one.parameters != start.parameters
+    assert candidates[0] == candidates[1]
+    assert candidates[0].parameters != start.parameters
 
 
 def test_a_parameter_is_identified_by_the_figure_that_it_moves_and_others_are_free(
@@ -112,6 +111,7 @@ def test_the_command_prints_a_world_file(
         (("--set", "plate_tilt=1"), "no parameter 'plate_tilt'"),
         (("--set", "plate_tilt_mm=much"), "write plate_tilt_mm=NUMBER"),
         (("--repeats", "1"), "'1': give a number from 2 on"),
+        (("--seeds", "11", "-1"), "'-1': give a number from 0 on"),
     ],
 )
 def test_a_wrong_start_is_rejected_with_a_sentence(
