@@ -86,8 +86,9 @@ class Slider:
         self.swing = max(self.swing, float(force.std() / force.mean()))
 
     def trial(self, speed_mm_s: float, force_g: float) -> Samples:
-        """Return the readings over the paper's travel at a speed, pressed with a force."""
-        return self._slide(speed_mm_s, self._table.travel_mm(force_g))
+        """Return the readings over the paper's travel at a speed and a force of the load cell."""
+        contact_g = force_g / (1.0 + self._p.loadcell_drag * speed_mm_s / 100.0)
+        return self._slide(speed_mm_s, self._table.travel_mm(contact_g))
 
     def trial_at_depth(self, speed_mm_s: float, depth_mm: float) -> Samples:
         """Return the same, pressed to a depth."""

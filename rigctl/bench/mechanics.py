@@ -27,12 +27,12 @@ of the millisecond, and the number of contacts since power-up."""
 
 # Plain arrays with named indices: passing a record to compiled code costs 5 µs a call.
 TIME_MS, _POSITION, _SLIP, _VELOCITY, ROD, _DEPTH = range(6)
-FORCE, _CONTACTS, _TOUCHING, _JAMMED, _PUSH, _STATE_SIZE = range(6, 12)
+FORCE, _CONTACTS, _TOUCHING, _JAMMED, _PUSH, _DRAG, _STATE_SIZE = range(6, 13)
 """Indices of the state ``s``."""
 
 _C_TURN, _C_FACTOR, _C_START, _C_RUN_OUT, _C_PHASE = range(5)
 ACTUATOR_SPEED, _C_GAIN, _C_DEAD, _C_STICTION, _C_BACKLASH, _C_WEIGHT, _C_TRAVEL = range(5, 12)
-_C_CONTACT, _C_TRAVEL_CELLS, _C_FRAME, _C_IMBALANCE, _C_MASS = range(12, 17)
+_C_CONTACT, _C_TRAVEL_CELLS, _C_FRAME, _C_IMBALANCE, _C_MASS, _C_DRAG = range(12, 18)
 """Indices of the constants ``c``."""
 
 _Floats = NDArray[np.float64]
@@ -40,6 +40,8 @@ _Table = NDArray[np.floating[Any]]
 MechanicsArrays = tuple[_Floats, _Floats, _Floats, _Table]
 """State, constants, ring and force table; compiled code passes them to :func:`step_millisecond`."""
 CELLS_PER_MM = 1.0 / GRID_MM
+_DRAG_GAIN = 1.0 - math.exp(-1.0 / 20.0)
+"""The drag follows the speed in 20 ms: the skin shears by about a millimetre before it slides."""
 
 
 class DrumTrajectory(NamedTuple):
@@ -120,7 +122,9 @@ def _turn_drum(s: _Floats, c: _Floats, nominal_mm: float) -> None:
 
 
 @inlined
-def _load_cell_force(s: _Floats, c: _Floats, force_table: _Table, drive: float) -> float:
+def _load_cell_force(
+    s: _Floats, c: _Floats, force_table: _Table, drive: float, turned_mm: float
+) -> float:
     """Move the actuator, update the contact force and return the force on the load cell."""
     angle = 2.0 * math.pi * s[_POSITION] / c[_C_TURN]
     change = _move_actuator(s, c, drive)
@@ -132,7 +136,10 @@ def _load_cell_force(s: _Floats, c: _Floats, force_table: _Table, drive: float) 
     s[_TOUCHING] = touching
     # Acceleration in mm/s per ms is m/s²; over 9.81 it is a share of weight.
     inertia = c[_C_MASS] * change / 9.81
-    return float(s[FORCE] + s[_PUSH] + inertia + c[_C_IMBALANCE] * math.sin(angle))
+    # A millimetre per ms is 10 times 100 mm/s.
+    s[_DRAG] += (10.0 * abs(turned_mm) * c[_C_DRAG] - s[_DRAG]) * _DRAG_GAIN
+    read = s[FORCE] * (1.0 + s[_DRAG])
+    return float(read + s[_PUSH] + inertia + c[_C_IMBALANCE] * math.sin(angle))
 
 
 @inlined
@@ -141,8 +148,9 @@ def step_millisecond(
 ) -> None:
     """Simulate the millisecond that begins now; it ends at the drum travel ``nominal_mm``."""
     s[TIME_MS] += 1
+    before_mm = s[_POSITION]
     _turn_drum(s, c, nominal_mm)
-    loadcell_g = _load_cell_force(s, c, force_table, drive)
+    loadcell_g = _load_cell_force(s, c, force_table, drive, s[_POSITION] - before_mm)
     row = log[int(s[TIME_MS]) % RING_MS]
     row[DRUM_MM] = s[_POSITION]
     row[DEPTH_MM] = s[_DEPTH]
@@ -265,5 +273,6 @@ def _constants(p: WorldParameters) -> _Floats:
             0.0,
             p.imbalance_g,
             p.moved_mass_g,
+            p.loadcell_drag,
         ]
     )

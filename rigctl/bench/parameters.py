@@ -80,6 +80,14 @@ class WorldParameters:
     loadcell_drift_s: float = _p(3600.0, "s", 600, 20000, "period of slow drift")
     loadcell_creep: float = _p(0.0005, "", 0, 0.002, "share of a lasting load that creeps in")
     loadcell_creep_s: float = _p(60.0, "s", 10, 600, "time constant of creep")
+    loadcell_drag: float = _p(
+        0.0,
+        "",
+        0,
+        1,
+        "what drag adds to its reading at 100 mm/s, as a share of the contact force",
+        IDENTIFIED,
+    )
     imbalance_g: float = _p(1.0, "g", 0, 5, "load-cell reading once a turn, from imbalance")
     moved_mass_g: float = _p(300.0, "g", 0, 1500, "mass whose acceleration the cell feels")
 

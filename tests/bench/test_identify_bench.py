@@ -65,6 +65,13 @@ def test_a_plate_is_pressed_with_the_requested_force() -> None:
     assert len(slider.trial(120.0, 250.0)) == 2000
 
 
+def test_where_drag_adds_to_the_reading_a_fast_plate_is_pressed_with_less() -> None:
+    slider = Slider(replace(WorldParameters(), loadcell_drag=0.5), 1)
+    slider.mount("C")
+    slow, fast = (slider.trial(speed, 500.0).mean() for speed in (40.0, 120.0))
+    assert fast < 0.9 * slow
+
+
 def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(
     start: identify_bench.Candidate,
 ) -> None:
