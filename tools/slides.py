@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.trial_set import Design
-from rigctl.bench.contact import contact_tables, draw_mounting, force_table
+from rigctl.bench.contact import (
+    REFERENCE_FORCE_G,
+    contact_tables,
+    draw_mounting,
+    force_table,
+)
 from rigctl.bench.mechanics import DrumTrajectory, Mechanics
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.skin import SLOT_US, Skin
@@ -87,8 +92,11 @@ class Slider:
 
     def trial(self, speed_mm_s: float, force_g: float) -> Samples:
         """Return the readings over the paper's travel at a speed and a force of the load cell."""
-        contact_g = force_g / (1.0 + self._p.loadcell_drag * speed_mm_s / 100.0)
-        return self._slide(speed_mm_s, self._table.travel_mm(contact_g))
+        contact_g = np.linspace(0.0, force_g, 1001)
+        share = (contact_g / REFERENCE_FORCE_G) ** (1.0 / self._p.pressure_power)
+        read_g = contact_g * (1.0 + self._p.loadcell_drag * speed_mm_s / 100.0 * share)
+        held_g = float(np.interp(force_g, read_g, contact_g))
+        return self._slide(speed_mm_s, self._table.travel_mm(held_g))
 
     def trial_at_depth(self, speed_mm_s: float, depth_mm: float) -> Samples:
         """Return the same, pressed to a depth."""

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.bench.contact import ForceTable
+from rigctl.bench.contact import REFERENCE_FORCE_G, ForceTable
 from rigctl.bench.noise import compiled, inlined, modulo
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.textures import GRID_MM
@@ -32,7 +32,8 @@ FORCE, _CONTACTS, _TOUCHING, _JAMMED, _PUSH, _DRAG, _STATE_SIZE = range(6, 13)
 
 _C_TURN, _C_FACTOR, _C_START, _C_RUN_OUT, _C_PHASE = range(5)
 ACTUATOR_SPEED, _C_GAIN, _C_DEAD, _C_STICTION, _C_BACKLASH, _C_WEIGHT, _C_TRAVEL = range(5, 12)
-_C_CONTACT, _C_TRAVEL_CELLS, _C_FRAME, _C_IMBALANCE, _C_MASS, _C_DRAG = range(12, 18)
+_C_CONTACT, _C_TRAVEL_CELLS, _C_FRAME, _C_IMBALANCE, _C_MASS = range(12, 17)
+_C_DRAG, _C_DRAG_POWER = range(17, 19)
 """Indices of the constants ``c``."""
 
 _Floats = NDArray[np.float64]
@@ -136,9 +137,11 @@ def _load_cell_force(
     s[_TOUCHING] = touching
     # Acceleration in mm/s per ms is m/s²; over 9.81 it is a share of weight.
     inertia = c[_C_MASS] * change / 9.81
-    # A millimetre per ms is 10 times 100 mm/s.
+    # Each ridge costs a share of the work that presses it in, force times depth, and the depth is a
+    # power of the force. A millimetre per ms is 10 times 100 mm/s.
     s[_DRAG] += (10.0 * abs(turned_mm) * c[_C_DRAG] - s[_DRAG]) * _DRAG_GAIN
-    read = s[FORCE] * (1.0 + s[_DRAG])
+    share = s[_DRAG] * (s[FORCE] / REFERENCE_FORCE_G) ** c[_C_DRAG_POWER]
+    read = s[FORCE] * (1.0 + share)
     return float(read + s[_PUSH] + inertia + c[_C_IMBALANCE] * math.sin(angle))
 
 
@@ -274,5 +277,6 @@ def _constants(p: WorldParameters) -> _Floats:
             p.imbalance_g,
             p.moved_mass_g,
             p.loadcell_drag,
+            1.0 / p.pressure_power,
         ]
     )

@@ -66,10 +66,13 @@ def test_a_plate_is_pressed_with_the_requested_force() -> None:
 
 
 def test_where_drag_adds_to_the_reading_a_fast_plate_is_pressed_with_less() -> None:
-    slider = Slider(replace(WorldParameters(), loadcell_drag=0.5), 1)
+    slider = Slider(replace(WorldParameters(), loadcell_drag=0.3), 1)
     slider.mount("C")
-    slow, fast = (slider.trial(speed, 500.0).mean() for speed in (40.0, 120.0))
-    assert fast < 0.9 * slow
+    light, heavy = (
+        slider.trial(120.0, force).mean() / slider.trial(40.0, force).mean()
+        for force in (250.0, 1000.0)
+    )
+    assert heavy < light < 0.97
 
 
 def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(
