@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.trial_set import Design
-from rigctl.bench.contact import (
-    REFERENCE_FORCE_G,
-    contact_tables,
-    draw_mounting,
-    force_table,
-)
+from rigctl.bench.contact import REFERENCE_FORCE_G, contact_tables, draw_mounting, force_table
 from rigctl.bench.mechanics import DrumTrajectory, Mechanics
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.skin import SLOT_US, Skin

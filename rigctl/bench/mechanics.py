@@ -42,7 +42,7 @@ MechanicsArrays = tuple[_Floats, _Floats, _Floats, _Table]
 """State, constants, ring and force table; compiled code passes them to :func:`step_millisecond`."""
 CELLS_PER_MM = 1.0 / GRID_MM
 _DRAG_GAIN = 1.0 - math.exp(-1.0 / 20.0)
-"""The drag follows the speed in 20 ms: the skin shears by about a millimetre before it slides."""
+"""The drag follows the speed in 20 ms, assumed: the skin first shears by about a millimetre."""
 
 
 class DrumTrajectory(NamedTuple):

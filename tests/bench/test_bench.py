@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -113,7 +113,7 @@ def pressed(parameters: WorldParameters, plate: str, force_g: float) -> NDArray[
 
 
 def test_drag_adds_to_what_the_load_cell_reads_and_not_to_the_contact_force() -> None:
-    bench = Bench(replace(QUIET, loadcell_drag=0.5, pressure_power=2.0), 1)
+    bench = Bench(dataclasses.replace(QUIET, loadcell_drag=0.5, pressure_power=2.0), 1)
     press(bench, 800.0)
     log = bench.plant.log
     for speed_mm_s, at_500_g in ((0.0, 0.0), (120.0, 0.6), (40.0, 0.2), (-40.0, 0.2)):
@@ -157,8 +157,8 @@ def test_skin_beside_the_taxels_carries_a_share_that_depends_on_the_plate(
         return float(turn(bench, 80.0, 1000).mean())
 
     soft = {"frame_share": 0.5, "pressure_power": 2.1}
-    bare = replace(QUIET, skin_length_mm=15.0, **soft)
-    carried = replace(bare, **carrier)
+    bare = dataclasses.replace(QUIET, skin_length_mm=15.0, **soft)
+    carried = dataclasses.replace(bare, **carrier)
     rod, _, force = pressed(carried, "A", 600.0).T
     rod, force = rod[force > 100.0], force[force > 100.0]
     assert np.interp(500.0, force, np.gradient(force, rod)) == pytest.approx(600.0, rel=0.03)
@@ -167,7 +167,7 @@ def test_skin_beside_the_taxels_carries_a_share_that_depends_on_the_plate(
 
 
 def test_a_plate_that_gives_in_tilts_with_the_force() -> None:
-    yielding = replace(QUIET, plate_give_mm=0.05)
+    yielding = dataclasses.replace(QUIET, plate_give_mm=0.05)
 
     def pattern(parameters: WorldParameters, force_g: float) -> NDArray[np.float64]:
         bench = Bench(parameters, 1)
@@ -182,7 +182,7 @@ def test_a_plate_that_gives_in_tilts_with_the_force() -> None:
 def test_under_a_tilted_sensor_one_column_carries_more_and_the_other_less() -> None:
     patterns = []
     for tilt_mm in (0.0, 0.02):
-        bench = Bench(replace(QUIET, sensor_tilt_mm=tilt_mm), 1)
+        bench = Bench(dataclasses.replace(QUIET, sensor_tilt_mm=tilt_mm), 1)
         bench.set_plate("A")
         press(bench, 500.0)
         top = turn(bench, 80.0, 400).mean(axis=0)[np.array(PAPER_ARRAY.drawn_order[:9])]
@@ -217,7 +217,7 @@ def test_the_actuator_has_its_lag_its_speed_and_its_end_stops() -> None:
 def test_backlash_opens_only_under_a_force_above_the_drums_weight() -> None:
     risen_mm = []
     for backlash_mm in (0.0, 0.05):
-        bench = Bench(replace(QUIET, drum_weight_g=800.0, backlash_mm=backlash_mm), 0)
+        bench = Bench(dataclasses.replace(QUIET, drum_weight_g=800.0, backlash_mm=backlash_mm), 0)
         press(bench, 700.0)
         rod_mm = bench.plant.rod_mm
         press(bench, 900.0)
@@ -226,7 +226,7 @@ def test_backlash_opens_only_under_a_force_above_the_drums_weight() -> None:
 
 
 def test_run_out_has_the_period_of_a_turn() -> None:
-    bench = Bench(replace(QUIET, run_out_mm=0.05), 0)
+    bench = Bench(dataclasses.replace(QUIET, run_out_mm=0.05), 0)
     press(bench, 500.0)
     start_ms = bench.plant.time_ms
     turn(bench, 200.0, 2000)
@@ -241,7 +241,7 @@ def test_run_out_has_the_period_of_a_turn() -> None:
 def test_a_taxel_oscillates_at_speed_over_spacing(
     plate: str, space: float, speed_mm_s: float
 ) -> None:
-    bench = Bench(replace(QUIET, start_mm=20.0), 0)
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
     bench.set_plate(plate)
     press(bench, 500.0)
     counts = by_place(turn(bench, speed_mm_s, 1900))[200:, 4]
@@ -272,7 +272,7 @@ def test_under_contact_the_readings_rise_almost_linearly_with_force() -> None:
 
 
 def test_the_top_layer_is_more_sensitive_to_texture_than_the_bottom_layer() -> None:
-    bench = Bench(replace(QUIET, start_mm=20.0), 0)
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
     bench.set_plate("B")
     press(bench, 500.0)
     share = texture_share(by_place(turn(bench, 80.0, 1500)))
@@ -280,7 +280,7 @@ def test_the_top_layer_is_more_sensitive_to_texture_than_the_bottom_layer() -> N
 
 
 def test_each_taxel_is_read_at_its_own_time() -> None:
-    bench = Bench(replace(QUIET, start_mm=20.0, gain_spread=0.0), 0)
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, gain_spread=0.0), 0)
     bench.set_plate("L")
     press(bench, 500.0)
     start_ms = bench.plant.time_ms
@@ -303,7 +303,7 @@ def test_the_sensor_is_wired_as_drawn() -> None:
     """Reading = 6 · line + input: a line is a row along the travel, inputs 0–2 are the top."""
     counts = {}
     for plate in "DF":
-        bench = Bench(replace(QUIET, start_mm=20.0), 0)
+        bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
         bench.set_plate(plate)
         press(bench, 500.0)
         alone = conductance(turn(bench, 100.0, 1500)[300:], input_of_each(range(18), 6, "bench"))
@@ -316,7 +316,7 @@ def test_the_sensor_is_wired_as_drawn() -> None:
 
 
 def test_the_taxels_of_an_input_load_each_other() -> None:
-    bench = Bench(replace(QUIET, start_mm=20.0, sensor_tilt_mm=0.0), 0)
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, sensor_tilt_mm=0.0), 0)
     press(bench, 500.0)
     counts = turn(bench, 0.0, 100)[-1].astype(float)
     conductances = bench.skin.conductances[bench.skin.time_ms % len(bench.skin.conductances)]
@@ -329,7 +329,7 @@ def test_the_taxels_of_an_input_load_each_other() -> None:
 def test_another_divider_scales_what_the_taxels_conduct() -> None:
     levels = []
     for kohm in (10.0, 1.0):
-        bench = Bench(replace(QUIET, start_mm=20.0, divider_kohm=kohm), 0)
+        bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, divider_kohm=kohm), 0)
         press(bench, 500.0)
         bench.skin.advance()
         levels.append(bench.skin.conductances[bench.skin.time_ms % RING_MS].copy())
@@ -337,7 +337,7 @@ def test_another_divider_scales_what_the_taxels_conduct() -> None:
 
 
 def test_a_mounted_plate_keeps_its_alignment_until_it_is_mounted_again() -> None:
-    seated = replace(QUIET, plate_tilt_mm=0.05, plate_seating_mm=0.2)
+    seated = dataclasses.replace(QUIET, plate_tilt_mm=0.05, plate_seating_mm=0.2)
 
     def patterns(seed: int) -> list[NDArray[np.float64]]:
         bench, means = Bench(seated, seed), []
@@ -357,7 +357,7 @@ def test_a_mounted_plate_keeps_its_alignment_until_it_is_mounted_again() -> None
 
 
 def test_dead_and_stuck_readings_do_not_change_with_force() -> None:
-    broken = replace(QUIET, dead_taxels=(2,), stuck_taxels=(11,), start_mm=20.0)
+    broken = dataclasses.replace(QUIET, dead_taxels=(2,), stuck_taxels=(11,), start_mm=20.0)
     bench = Bench(broken, 0)
     bench.set_plate("B")
     press(bench, 500.0)
@@ -379,7 +379,7 @@ def test_sessions_differ_a_little_and_contacts_less() -> None:
 
 
 def test_the_load_cell_weighs_the_contact_at_its_own_80_hz() -> None:
-    bench = Bench(replace(QUIET, loadcell_drift_g=0.0), 4)
+    bench = Bench(dataclasses.replace(QUIET, loadcell_drift_g=0.0), 4)
     readings, times = [], []
     while bench.plant.time_ms < 2000:
         due_us = int(bench.loadcell.arrays[0][NEXT_US])
