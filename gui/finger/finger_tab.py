@@ -47,14 +47,13 @@ from rigctl.finger.config import load_finger_config
 from rigctl.finger.live_file import FingerLiveReader
 from rigctl.finger.model_files import SPEED_SCALED, model_path
 from rigctl.finger.plan import load_finger_protocol
-from rigctl.finger.rig import RUN_FIRST_SLIDE
 from rigctl.finger.status import (
     CurrentScan,
     FingerEngineStatus,
     FingerRunStatus,
     parse_finger_status,
 )
-from rigctl.finger.values import ScanKind, Stage
+from rigctl.finger.values import RUN_FIRST_SLIDE, ScanKind, Stage
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
 _STATES = {

@@ -15,9 +15,6 @@ from rigctl.finger.values import FingerTrial
 from rigctl.plugins import Plugin
 from rigctl.session.sensor_passport import SensorPassport
 
-RUN_FIRST_SLIDE = 1 << 16
-"""First slide of `run` in a simulated session: calibration has made the slides from 0 on."""
-
 
 @dataclass(eq=False, slots=True)
 class FingerRig:

@@ -30,6 +30,8 @@ PLATE_CORNERS_MM = {
 }
 """Along and across the plate. Left and right as seen from its start towards its end."""
 TEXTURES = ("A", "B", "D", "L", "N")
+RUN_FIRST_SLIDE = 1 << 16
+"""First slide of `run` in a simulated session: calibration has made the slides from 0 on."""
 
 
 class VelocityProfile(StrEnum):

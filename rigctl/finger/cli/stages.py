@@ -21,14 +21,13 @@ from rigctl.finger.latency import KINDS, LIMITS_MS
 from rigctl.finger.model_file import load_finger_model
 from rigctl.finger.model_files import SPEED_SCALED, model_path
 from rigctl.finger.open_rig import SIMULATED
-from rigctl.finger.rig import RUN_FIRST_SLIDE
 from rigctl.finger.session import FingerSession
 from rigctl.finger.status import (
     FingerEngineStatus,
     FingerRunStatus,
     parse_finger_status,
 )
-from rigctl.finger.values import PredictionRow, ScanKind
+from rigctl.finger.values import RUN_FIRST_SLIDE, PredictionRow, ScanKind
 
 
 def answer_lines(folder: Path) -> Iterator[str]:

@@ -15,7 +15,7 @@ from gui.shell.user_settings import UserSettings, WindowMemory
 from gui.widgets.labels import Level
 from gui.widgets.typed_paths import NO_WHOLE_PATH
 from rigctl.errors import LinkLost
-from rigctl.finger.rig import RUN_FIRST_SLIDE
+from rigctl.finger.values import RUN_FIRST_SLIDE
 from rigctl.values import ABOUT
 from tests.gui.fake_finger import RUNNING, FakeFinger
 from tests.gui.steps import FingerWindow, SharedWindow, click, press_escape, wait_until
