@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.trial_set import Design
 from rigctl.bench.contact import REFERENCE_FORCE_G, contact_tables, draw_mounting, force_table
-from rigctl.bench.mechanics import DrumTrajectory, Mechanics
+from rigctl.bench.mechanics import DrumTrajectory, Mechanics, drag_speed_mm_s
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.skin import SLOT_US, Skin
 from rigctl.bench.textures import CATALOGUE, GRID_MM
@@ -87,11 +88,12 @@ class Slider:
 
     def trial(self, speed_mm_s: float, force_g: float) -> Samples:
         """Return the readings over the paper's travel at a speed and a force of the load cell."""
-        contact_g = np.linspace(0.0, force_g, 1001)
-        share = (contact_g / REFERENCE_FORCE_G) ** (1.0 / self._p.pressure_power)
-        read_g = contact_g * (1.0 + self._p.loadcell_drag * speed_mm_s / 100.0 * share)
-        held_g = float(np.interp(force_g, read_g, contact_g))
-        return self._slide(speed_mm_s, self._table.travel_mm(held_g))
+        share_per_g = (
+            self._p.loadcell_drag * drag_speed_mm_s(speed_mm_s) / 100.0 / REFERENCE_FORCE_G
+        )
+        # The root of contact · (1 + share · contact) = force that is the force without drag.
+        contact_g = 2.0 * force_g / (1.0 + math.sqrt(1.0 + 4.0 * share_per_g * force_g))
+        return self._slide(speed_mm_s, self._table.travel_mm(contact_g))
 
     def trial_at_depth(self, speed_mm_s: float, depth_mm: float) -> Samples:
         """Return the same, pressed to a depth."""

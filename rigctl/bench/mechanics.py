@@ -27,13 +27,12 @@ of the millisecond, and the number of contacts since power-up."""
 
 # Plain arrays with named indices: passing a record to compiled code costs 5 µs a call.
 TIME_MS, _POSITION, _SLIP, _VELOCITY, ROD, _DEPTH = range(6)
-FORCE, _CONTACTS, _TOUCHING, _JAMMED, _PUSH, _DRAG, _STATE_SIZE = range(6, 13)
+FORCE, _CONTACTS, _TOUCHING, _JAMMED, _PUSH, _SPEED, _STATE_SIZE = range(6, 13)
 """Indices of the state ``s``."""
 
 _C_TURN, _C_FACTOR, _C_START, _C_RUN_OUT, _C_PHASE = range(5)
 ACTUATOR_SPEED, _C_GAIN, _C_DEAD, _C_STICTION, _C_BACKLASH, _C_WEIGHT, _C_TRAVEL = range(5, 12)
-_C_CONTACT, _C_TRAVEL_CELLS, _C_FRAME, _C_IMBALANCE, _C_MASS = range(12, 17)
-_C_DRAG, _C_DRAG_POWER = range(17, 19)
+_C_CONTACT, _C_TRAVEL_CELLS, _C_FRAME, _C_IMBALANCE, _C_MASS, _C_DRAG = range(12, 18)
 """Indices of the constants ``c``."""
 
 _Floats = NDArray[np.float64]
@@ -41,8 +40,10 @@ _Table = NDArray[np.floating[Any]]
 MechanicsArrays = tuple[_Floats, _Floats, _Floats, _Table]
 """State, constants, ring and force table; compiled code passes them to :func:`step_millisecond`."""
 CELLS_PER_MM = 1.0 / GRID_MM
-_DRAG_GAIN = 1.0 - math.exp(-1.0 / 20.0)
-"""The drag follows the speed in 20 ms, assumed: the skin first shears by about a millimetre."""
+_SPEED_GAIN = 1.0 - math.exp(-1.0 / 20.0)
+"""Drag follows the speed in 20 ms, assumed: the skin shears first, and a step is no speed."""
+DRAG_FREE_MM_S = 60.0
+"""Where a turning drum's cell reads the contact force; another speed asks for another stiffness."""
 
 
 class DrumTrajectory(NamedTuple):
@@ -123,6 +124,15 @@ def _turn_drum(s: _Floats, c: _Floats, nominal_mm: float) -> None:
 
 
 @inlined
+def drag_speed_mm_s(speed_mm_s: float) -> float:
+    """Return the speed by which the drag counts, mm/s: none at rest and at 60 mm/s.
+
+    The cell reads less than the contact force below, most at 40 mm/s, and more above.
+    """
+    return max(speed_mm_s - DRAG_FREE_MM_S, -0.5 * speed_mm_s)
+
+
+@inlined
 def _load_cell_force(
     s: _Floats, c: _Floats, force_table: _Table, drive: float, turned_mm: float
 ) -> float:
@@ -137,11 +147,9 @@ def _load_cell_force(
     s[_TOUCHING] = touching
     # Acceleration in mm/s per ms is m/s²; over 9.81 it is a share of weight.
     inertia = c[_C_MASS] * change / 9.81
-    # Each ridge costs a share of the work that presses it in, force times depth, and the depth is a
-    # power of the force. A millimetre per ms is 10 times 100 mm/s.
-    s[_DRAG] += (10.0 * abs(turned_mm) * c[_C_DRAG] - s[_DRAG]) * _DRAG_GAIN
-    share = s[_DRAG] * (s[FORCE] / REFERENCE_FORCE_G) ** c[_C_DRAG_POWER]
-    read = s[FORCE] * (1.0 + share)
+    s[_SPEED] += (1000.0 * abs(turned_mm) - s[_SPEED]) * _SPEED_GAIN
+    drag = c[_C_DRAG] * drag_speed_mm_s(s[_SPEED]) / 100.0
+    read = s[FORCE] * (1.0 + drag * s[FORCE] / REFERENCE_FORCE_G)
     return float(read + s[_PUSH] + inertia + c[_C_IMBALANCE] * math.sin(angle))
 
 
@@ -277,6 +285,5 @@ def _constants(p: WorldParameters) -> _Floats:
             p.imbalance_g,
             p.moved_mass_g,
             p.loadcell_drag,
-            1.0 / p.pressure_power,
         ]
     )

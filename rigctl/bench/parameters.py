@@ -85,7 +85,7 @@ class WorldParameters:
         "",
         0,
         1,
-        "what drag adds to its reading at 500 g and 100 mm/s, as a share of the contact force",
+        "what drag adds to its reading at 500 g for each 100 mm/s above 60 mm/s, as a share",
         IDENTIFIED,
     )
     imbalance_g: float = _p(1.0, "g", 0, 5, "load-cell reading once a turn, from imbalance")
