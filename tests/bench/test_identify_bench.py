@@ -13,6 +13,8 @@ import pytest
 from rigctl.analysis import published
 from rigctl.bench import parameter_tables
 from rigctl.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
+from rigctl.bench.world_file import NOMINAL_WORLD, SimulatedWorld, load_world
+from rigctl.config.resources import protocols
 from tools import identify_bench
 from tools.identify_bench import JUDGES, main
 from tools.skin_figures import RANGES, SkinMeasures, measure_skin, skin_figures
@@ -44,8 +46,15 @@ def test_the_identified_parameters_are_searched_and_no_other() -> None:
     assert names == [row.name for row in parameter_infos() if row.source == IDENTIFIED]
 
 
-def test_the_skin_has_at_set_depths_the_statistics_of_printed_textures() -> None:
-    (slides,) = simulate_slides(WorldParameters(), 1, JUDGES[:1], DEPTHS_MM)
+@pytest.mark.parametrize(
+    "world",
+    [NOMINAL_WORLD, load_world(protocols() / "worlds" / "paper.toml")],
+    ids=lambda w: w.file,
+)
+def test_the_skin_has_at_set_depths_the_statistics_of_printed_textures(
+    world: SimulatedWorld,
+) -> None:
+    (slides,) = simulate_slides(world.parameters, 1, JUDGES[:1], DEPTHS_MM)
     figures = skin_figures(slides.samples, slides.design)
     assert figures.depth_excess < MOST_EXCESS, figures
 

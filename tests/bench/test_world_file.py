@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from rigctl.bench.parameter_fields import ParameterInfo
 from rigctl.bench.parameters import (
+    IDENTIFIED,
     Plate,
     WorldParameters,
     parameter_infos,
@@ -26,7 +27,7 @@ from rigctl.bench.world_file import (
     parse_world,
     world_from_header,
 )
-from rigctl.config.resources import find_protocol
+from rigctl.config.resources import find_protocol, protocols
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError, SessionError
 from rigctl.protocol.loader import load_protocol
@@ -86,6 +87,15 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
     wanted = replace(WorldParameters(), start_mm=100.0, stuck_taxels=(3, 17))
     assert load_world(path) == SimulatedWorld(wanted, "lab.toml")
     assert parsed("") == WorldParameters()
+
+
+def test_the_papers_world_changes_only_what_identification_may_change() -> None:
+    world = asdict(load_world(protocols() / "worlds" / "paper.toml").parameters)
+    nominal = asdict(WorldParameters())
+    changed = {name for name, value in world.items() if value != nominal[name]}
+    identified = {row.name for row in parameter_infos() if row.source == IDENTIFIED}
+    assert changed <= identified | {"relaxation_s"}
+    assert world["loadcell_drag"] > nominal["loadcell_drag"] == 0.0
 
 
 @pytest.mark.parametrize(

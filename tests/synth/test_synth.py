@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from rigctl import __version__
 from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.world_file import NOMINAL_WORLD, SimulatedWorld, load_world
 from rigctl.cli import main
-from rigctl.config.resources import source_commit
+from rigctl.config.resources import protocols, source_commit
 from rigctl.errors import SessionError
 from rigctl.session import layout
 from rigctl.session.ground_truth import open_truth, trial_truths
@@ -52,10 +53,11 @@ def make(
     stop_at: int = 1000,
     workers: int = 1,
     resume: bool = False,
+    world: SimulatedWorld = NOMINAL_WORLD,
 ) -> list[DatasetProgress]:
     progress: list[DatasetProgress] = []
     request = DatasetRequest(
-        load_plan(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00", resume
+        load_plan(protocol, 1, seed), seed, folder, "2026-01-02T03:04:05+00:00", resume, world
     )
     generate(request, progress.append, lambda: len(progress) >= stop_at, workers)
     return progress
@@ -125,6 +127,25 @@ def test_each_trial_has_its_load_cell_polls_and_truth(session_folder: Path) -> N
             window = session.window(int(index))
             assert window.complete
             assert np.all(window.flags & 1)
+
+
+def test_in_the_papers_world_the_loop_holds_the_reading_and_drag_moves_the_contact_force(
+    tmp_path: Path,
+) -> None:
+    world = load_world(protocols() / "worlds" / "paper.toml")
+    path = tmp_path / "forces.toml"
+    path.write_text('textures = ["L"]\nspeeds_mm_s = [40, 120]\nforces_g = [500, 1000]\n')
+    make(path, tmp_path / "set", world=world)
+    with Session.open(tmp_path / "set") as session:
+        for truth, index in zip(trial_truths(session), session.committed(), strict=True):
+            row, drum = session.trials[index], session.drum(int(index))
+            inside = (drum.loadcell_s >= 0) & (drum.loadcell_s <= row["count"] / 1000)
+            set_g = float(row["force_g"])
+            assert drum.loadcell["force_g"][inside].mean() == pytest.approx(set_g, rel=0.02)
+            contact_g = set_g * (1.0 + truth.force_error)
+            drag = {40.0: -0.2, 120.0: 0.6}[row["speed_mm_s"]] * world.parameters.loadcell_drag
+            read_g = contact_g * (1.0 + drag * contact_g / 500.0)
+            assert read_g == pytest.approx(set_g, rel=0.02)
 
 
 def test_a_seed_gives_the_same_samples_however_they_are_batched(
