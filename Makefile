@@ -156,7 +156,7 @@ invariance: $(VENV)/.ready
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.force_invariance $(INVARIANCE_ARGS)
 
 skin: $(VENV)/.ready
-	$(SAY) "the tables of docs/explanation/real-and-simulated.md (ten minutes)"
+	$(SAY) "the tables of docs/explanation/real-and-simulated.md (a quarter of an hour)"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.skin_statistics $(SKIN_ARGS)
 
 # Results that pages tell, but for those of the finger, which `make realtime` makes.

@@ -27,6 +27,8 @@ from rigctl.analysis.splits import make_splits
 from rigctl.analysis.tasks import SweepSettings, run_tasks, score_splits
 from rigctl.analysis.trial_set import Design, TrialSet, join_sessions, open_trials
 from rigctl.bench.parameters import WorldParameters, validated
+from rigctl.bench.world_file import load_world
+from rigctl.config.resources import protocols
 from rigctl.config.rig_config import PAPER_ARRAY
 from rigctl.config.toml_reader import TomlText
 from rigctl.encoder.batch import mean_normalised_reading
@@ -289,23 +291,33 @@ def _depths(depths_mm: Sequence[float]) -> str:
     return f"depths of {depths_mm[0]}–{depths_mm[-1]} mm"
 
 
-OURS = "the simulated bench"
+class SimulatedBench(NamedTuple):
+    """A world whose figures the page shows, under a name."""
+
+    name: str
+    parameters: WorldParameters
+
+    def statistics_row(self, pressed: str, depths_mm: Sequence[float]) -> str:
+        """Return its row in the table of statistics, of the first seed."""
+        (slides,) = simulate_slides(self.parameters, SHOWN_REPEATS, JUDGES[:1], depths_mm)
+        return _row(self.name, pressed, *skin_figures(slides.samples, slides.design).cells)
+
+    def accuracies_row(
+        self, pressed: str, depths_mm: Sequence[float], reference: float, task: Task = LEFT_OUT
+    ) -> str:
+        """Return its row of accuracies: the mean over the seeds, the least and the greatest."""
+        sessions = simulate_slides(self.parameters, SHOWN_REPEATS, JUDGES, depths_mm)
+        found = np.array([slide_accuracies(slides, reference, task) for slides in sessions])
+        ends = zip(found.mean(axis=0), found.min(axis=0), found.max(axis=0), strict=True)
+        cells = (f"{mean:.1f} ({low:.0f}–{high:.0f})" for mean, low, high in ends)
+        return _row(self.name, pressed, *cells)
 
 
-def our_statistics(pressed: str, depths_mm: Sequence[float]) -> str:
-    """Return our row in the table of statistics, of the first seed."""
-    (slides,) = simulate_slides(WorldParameters(), SHOWN_REPEATS, JUDGES[:1], depths_mm)
-    return _row(OURS, pressed, *skin_figures(slides.samples, slides.design).cells)
-
-
-def our_accuracies(
-    pressed: str, depths_mm: Sequence[float], reference: float, task: Task = LEFT_OUT
-) -> str:
-    """Return our row of accuracies: the mean over the seeds, and the least and the greatest."""
-    sessions = simulate_slides(WorldParameters(), SHOWN_REPEATS, JUDGES, depths_mm)
-    found = np.array([slide_accuracies(slides, reference, task) for slides in sessions])
-    ends = zip(found.mean(axis=0), found.min(axis=0), found.max(axis=0), strict=True)
-    return _row(OURS, pressed, *(f"{mean:.1f} ({low:.0f}–{high:.0f})" for mean, low, high in ends))
+PAPERS_WORLD = load_world(protocols() / "worlds" / "paper.toml")
+BENCHES = (
+    SimulatedBench("the simulated bench", WorldParameters()),
+    SimulatedBench("the paper's rig, simulated", PAPERS_WORLD.parameters),
+)
 
 
 def fabric_rows(folder: Path) -> tuple[str, str]:
@@ -335,11 +347,12 @@ def render(page: str, fabrics: Path | None) -> str:
         rows = list(fabric_rows(fabrics))
     by_depth = [(_depths(depths_mm), depths_mm) for depths_mm in (DEPTHS_MM, SHALLOW_MM)]
     statistics, accuracies = "", PAPERS_ACCURACIES
-    for pressed, depths_mm in (*by_depth, (FORCES, ())):
-        statistics += our_statistics(pressed, depths_mm)
-        reference = depths_mm[1] if depths_mm else REFERENCE_FORCE_G
-        accuracies += our_accuracies(pressed, depths_mm, reference)
-    accuracies += our_accuracies(TRAINED, (), REFERENCE_FORCE_G, EXTRAPOLATED)
+    for bench in BENCHES:
+        for pressed, depths_mm in (*by_depth, (FORCES, ())):
+            statistics += bench.statistics_row(pressed, depths_mm)
+            reference = depths_mm[1] if depths_mm else REFERENCE_FORCE_G
+            accuracies += bench.accuracies_row(pressed, depths_mm, reference)
+        accuracies += bench.accuracies_row(TRAINED, (), REFERENCE_FORCE_G, EXTRAPOLATED)
     tables = {
         "statistics": STATISTICS_HEAD + PRINTED_STATISTICS + rows[0] + statistics,
         "accuracies": ACCURACY_HEAD + PRINTED_ACCURACIES + rows[1] + accuracies,
