@@ -389,10 +389,15 @@ class DatasetStepRunner:
             self._tared = True
 
     def _run_trial(self, trial: PlannedTrial) -> None:
-        for number in range(1, self._quality.attempts + 1):
-            if self._attempt(trial, number):
-                self.committed += 1
-                return
+        try:
+            self.committed += any(
+                self._attempt(trial, number) for number in range(1, self._quality.attempts + 1)
+            )
+        except BoardFault as error:
+            raise BoardFault(
+                f"trial {trial.trial_id}, plate {trial.texture} at {trial.speed_mm_s:g} mm/s: "
+                f"{error}: change the protocol or the world"
+            ) from error
 
     def _attempt(self, trial: PlannedTrial, number: int) -> bool:
         if self._pressed is not None:

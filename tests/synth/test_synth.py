@@ -16,7 +16,7 @@ from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.world_file import NOMINAL_WORLD, SimulatedWorld, load_world
 from rigctl.cli import main
 from rigctl.config.resources import protocols, source_commit
-from rigctl.errors import SessionError
+from rigctl.errors import BoardFault, SessionError
 from rigctl.session import layout
 from rigctl.session.ground_truth import open_truth, trial_truths
 from rigctl.session.session import Session
@@ -146,6 +146,16 @@ def test_in_the_papers_world_the_loop_holds_the_reading_and_drag_moves_the_conta
             drag = {40.0: -0.2, 120.0: 0.6}[row["speed_mm_s"]] * world.parameters.loadcell_drag
             read_g = contact_g * (1.0 + drag * contact_g / 500.0)
             assert read_g == pytest.approx(set_g, rel=0.02)
+
+
+def test_a_world_that_the_rig_does_not_allow_is_told_with_the_trial(tmp_path: Path) -> None:
+    world, protocol = tmp_path / "world.toml", tmp_path / "forces.toml"
+    world.write_text("loadcell_drag = 1\n")  # the cell reads more than the board's limit
+    protocol.write_text('textures = ["L"]\nspeeds_mm_s = [120]\nforces_g = [1000]\n')
+    told = "trial 1, plate L at 120 mm/s: .* stopped with OVER_FORCE: change .* the world"
+    with pytest.raises(BoardFault, match=told):
+        make(protocol, tmp_path / "set", world=load_world(world))
+    assert verify(tmp_path / "set").problems == []
 
 
 def test_a_seed_gives_the_same_samples_however_they_are_batched(
