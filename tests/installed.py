@@ -50,7 +50,7 @@ class Installed(NamedTuple):
         kept = {key: text for key, text in os.environ.items() if not key.startswith("XDG_")}
         path = f"{self.environment / 'bin'}{os.pathsep}{os.environ['PATH']}"
         own = {"HOME": str(home), "PATH": path, "RIGCTL_RUNTIME": str(self.place / "run")}
-        own |= {"QT_QPA_PLATFORM": "offscreen"} | variables
+        own |= {"QT_QPA_PLATFORM": "offscreen", "PYTHONFAULTHANDLER": "1"} | variables
         kept.pop("PYTHONPATH", None)
         command = [*before, *map(str, words)]
         return subprocess.run(command, cwd=work, capture_output=True, text=True, env=kept | own)
