@@ -84,7 +84,7 @@ class WorldParameters:
         0.0,
         "",
         0,
-        1,
+        0.5,  # above 0.52 no contact force at 40 mm/s reads 1,200 g
         "what drag adds to its reading at 500 g for each 100 mm/s above 60 mm/s, as a share",
         IDENTIFIED,
     )

@@ -84,6 +84,13 @@ def test_where_drag_adds_to_the_reading_a_fast_plate_is_pressed_with_less() -> N
     assert heavy < light < 0.97
 
 
+def test_with_the_most_drag_a_slow_plate_is_still_pressed_as_hard_as_a_protocol_may_ask() -> None:
+    (most,) = (row.high for row in parameter_infos() if row.name == "loadcell_drag")
+    slider = Slider(replace(WorldParameters(), loadcell_drag=most), 1)
+    slider.mount("C")
+    assert slider.trial(40.0, 1200.0).mean() > slider.trial(60.0, 1200.0).mean()
+
+
 def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(
     start: identify_bench.Candidate,
 ) -> None:

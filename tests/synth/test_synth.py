@@ -150,7 +150,7 @@ def test_in_the_papers_world_the_loop_holds_the_reading_and_drag_moves_the_conta
 
 def test_a_world_that_the_rig_does_not_allow_is_told_with_the_trial(tmp_path: Path) -> None:
     world, protocol = tmp_path / "world.toml", tmp_path / "forces.toml"
-    world.write_text("loadcell_drag = 1\n")  # the cell reads more than the board's limit
+    world.write_text("loadcell_drag = 0.5\n")  # the cell reads more than the board's limit
     protocol.write_text('textures = ["L"]\nspeeds_mm_s = [120]\nforces_g = [1000]\n')
     told = "trial 1, plate L at 120 mm/s: .* stopped with OVER_FORCE: change .* the world"
     with pytest.raises(BoardFault, match=told):
