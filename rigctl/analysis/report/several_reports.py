@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -141,7 +142,10 @@ def _inconsistencies(results: dict[str, Any]) -> Iterator[str]:
     for key, task in results["tasks"].items():
         named = {*task["representations"], *task["paper"]}
         pairs = task["order"]["compared"] if task["order"] else []
-        named |= {pair[end] for pair in pairs for end in ("better", "worse")}
+        compared = {pair[end] for pair in pairs for end in ("better", "worse")}
+        if unpublished := compared - task["paper"].keys():
+            yield f"tasks.{key}.paper has no value of {min(unpublished)!r}, which is compared"
+        named |= compared
         if unknown := named - NAME_OF.keys():
             yield f"tasks.{key}: there is no representation {min(unknown)!r}"
         for name, curve in task["representations"].items():
@@ -163,6 +167,7 @@ def _unknown_evidence(results: dict[str, Any]) -> Iterator[str]:
 EQUAL_SETTINGS = ("iterations", "k_max", "engine", "encoder")
 NOT_OF_REPORTS = ("draws", "finger", "further", "stimulation")
 """Constants that change nothing of a report of the drum but its draws."""
+WIDE_SDS = 2
 IDENTITY = ("plan_hash", "begun_utc", "seed", "simulation_seed")
 OUTCOMES = (
     "hold in every set",
@@ -271,7 +276,8 @@ def compare_sets(sets: Sets) -> dict[str, Any]:
     """Return, by task, accuracies beside the paper's and each of its comparisons in every set.
 
     ``points``: our differences in percentage points, one a set; ``over_sets``: their mean and
-    standard deviation, None for a single set.
+    standard deviation, None for a single set. ``wide``: the paper's means are further apart than
+    :data:`WIDE_SDS` of its standard deviations of the pair.
     """
     return {
         key: {
@@ -313,6 +319,7 @@ def _compare_pair(key: str, number: int, sets: Sets) -> dict[str, Any]:
         "better": pairs[0]["better"],
         "worse": pairs[0]["worse"],
         "paper_points": pairs[0]["paper_points"],
+        "wide": _is_wide(sets[0]["tasks"][key]["paper"], pairs[0]),
         "points": points,
         "p": [pair["test"]["p"] for pair in pairs],
         "d": [pair["test"]["effect"] for pair in pairs],
@@ -321,12 +328,20 @@ def _compare_pair(key: str, number: int, sets: Sets) -> dict[str, Any]:
     }
 
 
+def _is_wide(paper: Mapping[str, tuple[float, float]], pair: Mapping[str, Any]) -> bool:
+    deviation = math.hypot(paper[pair["better"]][1], paper[pair["worse"]][1])
+    return bool(pair["paper_points"] > WIDE_SDS * deviation)
+
+
 def _pairs(task: Results) -> list[dict[str, Any]]:
     return list(task["order"]["compared"]) if task["order"] else []
 
 
 def summary_sentences(tasks: Results) -> list[str]:
-    """Return a sentence for each task: how many comparisons hold in every set, in some, in none."""
+    """Return a sentence for each task: how many comparisons hold in every set, in some, in none.
+
+    The last sentences count all tasks, set by set.
+    """
     sentences = []
     for task in tasks.values():
         n = len(task["pairs"])
@@ -336,7 +351,22 @@ def summary_sentences(tasks: Results) -> list[str]:
         counts = Counter(_outcome(pair["verdicts"]) for pair in task["pairs"])
         listed = ", ".join(f"{counts[name]} {name}" for name in OUTCOMES if counts[name])
         sentences.append(f"{task['title']}: of {n} comparisons {listed}")
+    pairs = [pair for task in tasks.values() for pair in task["pairs"]]
+    wide = [pair for pair in pairs if pair["wide"]]
+    if pairs:
+        sentences.append(f"All tasks: of {len(pairs)} comparisons {_held(pairs)} hold, set by set")
+    if wide:
+        sentences.append(
+            f"Of the {len(wide)} whose difference in the paper is larger than {WIDE_SDS} standard "
+            f"deviations of the pair {_held(wide)} hold"
+        )
     return sentences
+
+
+def _held(pairs: Sequence[Mapping[str, Any]]) -> str:
+    """Return how many comparisons hold in each set, with commas."""
+    by_set = zip(*(pair["verdicts"] for pair in pairs), strict=True)
+    return ", ".join(str(verdicts.count(Agreement.HOLDS)) for verdicts in by_set)
 
 
 def missing_sentences(sets: Sets) -> list[str]:

@@ -42,7 +42,7 @@ RESULTS: dict[str, Any] = {
             "title": "Textures",
             "figure": "Fig. 3",
             "shown_components": 2,
-            "paper": {BETTER: [90.0, 1.0]},
+            "paper": {BETTER: [90.0, 1.0], WORSE: [86.0, 0.5]},
             "representations": {
                 BETTER: {"mean": [0.5, 0.9], "sd": [0.1, 0.1]},
                 WORSE: {"mean": [0.4, 0.8], "sd": None},
@@ -90,6 +90,37 @@ def changed(path: tuple[Any, ...], wrong: Any) -> str:
 def test_a_report_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert compare(tmp_path, json.dumps(RESULTS)) == 0
     assert "of 1 comparisons 1 hold in every set" in capsys.readouterr().out
+
+
+def report(folder: Path, begun: str, verdict: str, deviation: float) -> str:
+    """Write a report whose only pair is 4 points apart in the paper; return its folder."""
+    results = copy.deepcopy(RESULTS)
+    results["inputs"][0]["begun_utc"] = begun
+    results["tasks"]["textures"]["paper"][WORSE] = [86.0, deviation]
+    results["tasks"]["textures"]["order"]["compared"][0]["verdict"] = verdict
+    folder.mkdir()
+    (folder / "results.json").write_text(json.dumps(results), encoding="utf-8")
+    return str(folder)
+
+
+@pytest.mark.parametrize(("deviation", "is_wide"), [(1.7, True), (1.8, False)])
+def test_pairs_that_the_paper_separates_widely_are_counted_set_by_set(
+    deviation: float, is_wide: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verdicts = ("holds", "does not hold")
+    reports = [report(tmp_path / word, word, word, deviation) for word in verdicts]
+    assert main(["orders", *reports, "--out", str(tmp_path / "page")]) == 0
+    printed = capsys.readouterr().out
+    assert "of 1 comparisons 1, 0 hold" in printed
+    assert ("standard deviations of the pair 1, 0 hold" in printed) == is_wide
+
+
+def test_a_compared_representation_without_a_published_value_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paper = ("tasks", "textures", "paper")
+    assert compare(tmp_path, changed(paper, {BETTER: [90.0, 1.0]})) == 2
+    assert "tasks.textures.paper has no value of" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("path", list(places(RESULTS)), ids=lambda path: ".".join(map(str, path)))
