@@ -25,7 +25,8 @@ SPEEDS_MM_S = (40.0, 60.0, 80.0, 100.0, 120.0)
 FORCES_G = (250.0, 500.0, 1000.0)
 DEPTHS_MM = (1.2, 1.5, 1.8, 2.1)
 TRAVEL_MM = 240.0
-LIFTED_MS, RESTING_MS, RUN_IN_MM = 600, 300, 30.0
+LIFTED_MS, RESTING_MS, RUN_IN_MM = 1600, 850, 100.0
+"""As long as a rig is lifted, rests in contact and runs in, because the skin relaxes meanwhile."""
 WINDOW_MM = 100.0
 """Distance from the plate's start to the start of a rig's recording."""
 

@@ -124,16 +124,19 @@ def test_a_pair_that_holds_needs_no_explanation() -> None:
 
 def test_tied_pairs_are_not_counted_as_reversed() -> None:
     pairs = [
-        {"verdicts": [a, b]}
+        {"verdicts": [a, b], "wide": a is not b}
         for a, b in (
             (Agreement.HOLDS, Agreement.HOLDS), (Agreement.HOLDS, Agreement.REVERSED),
             (Agreement.TIED, Agreement.TIED), (Agreement.TIED, Agreement.REVERSED),
             (Agreement.REVERSED, Agreement.REVERSED),
         )
     ]  # fmt: skip
-    (sentences,) = summary_sentences({"textures": {"title": "Individual textures", "pairs": pairs}})
-    assert sentences == (
+    tasks = {"textures": {"title": "Individual textures", "pairs": pairs}}
+    assert summary_sentences(tasks) == [
         "Individual textures: of 5 comparisons 1 hold in every set, 1 hold in some, 1 cannot be "
         "told apart in any, 1 do not hold in some and cannot be told apart in others, "
-        "1 hold in none"
-    )
+        "1 hold in none",
+        "All tasks: of 5 comparisons 2, 1 hold, set by set",
+        "Of the 2 whose difference in the paper is larger than 2 standard deviations of the pair "
+        "1, 0 hold",
+    ]

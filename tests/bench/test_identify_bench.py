@@ -12,13 +12,26 @@ import pytest
 
 from rigctl.analysis import published
 from rigctl.bench import parameter_tables
+from rigctl.bench.direct_rig import DirectRig
 from rigctl.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
 from rigctl.bench.world_file import NOMINAL_WORLD, SimulatedWorld, load_world
 from rigctl.config.resources import protocols
+from rigctl.config.rig_config import RigConfig
+from rigctl.protocol.plan import Settle
+from rigctl.synth.step_runner import DrumOperator
+from rigctl.values import PlannedTrial
 from tools import identify_bench
 from tools.identify_bench import JUDGES, main
 from tools.skin_figures import RANGES, SkinMeasures, measure_skin, skin_figures
-from tools.slides import DEPTHS_MM, Slider, simulate_slides
+from tools.slides import (
+    DEPTHS_MM,
+    LIFTED_MS,
+    RESTING_MS,
+    RUN_IN_MM,
+    TRAVEL_MM,
+    Slider,
+    simulate_slides,
+)
 
 MOST_EXCESS = 0.1
 """A session's mountings move the figures: a tenth of a bound beyond their ranges, in sum."""
@@ -72,6 +85,27 @@ def test_a_plate_is_pressed_with_the_requested_force() -> None:
     means = [slider.trial(120.0, force).mean() for force in (250.0, 500.0, 1000.0)]
     assert means == sorted(means)
     assert len(slider.trial(120.0, 250.0)) == 2000
+
+
+def test_a_slide_is_lifted_rests_and_runs_in_as_long_as_a_rig() -> None:
+    rig = DirectRig(WorldParameters(), 1)
+    operator = DrumOperator(rig, RigConfig(), Settle())
+    operator.tare()
+    for number in (1, 2):
+        trial = PlannedTrial(number, "A", 80.0, 500.0, number, TRAVEL_MM)
+        operator.prepare(trial)
+        operator.approach()
+        operator.run_window(lambda polls: None)
+        operator.lift()
+    truth = rig.truth.arrays()
+    rig.close()
+    window_ms = np.flatnonzero(np.diff(truth.sync.astype(int)) == 1)[-1]
+    lifted = np.flatnonzero(truth.force_g[:window_ms] == 0.0)
+    contact_ms, before = lifted[-1], np.flatnonzero(truth.force_g[: lifted[-1]])
+    turning_ms = contact_ms + np.flatnonzero(truth.speed_mm_s[contact_ms:window_ms])[0]
+    assert contact_ms - before[-1] == pytest.approx(LIFTED_MS, rel=0.1)
+    assert turning_ms - contact_ms == pytest.approx(RESTING_MS, rel=0.2)
+    assert truth.speed_mm_s[turning_ms:window_ms].sum() / 1000 == pytest.approx(RUN_IN_MM, abs=5)
 
 
 def test_where_drag_adds_to_the_reading_a_fast_plate_is_pressed_with_less() -> None:
