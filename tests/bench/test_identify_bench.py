@@ -39,9 +39,10 @@ MOST_EXCESS = 0.1
 
 @pytest.fixture(scope="module")
 def start() -> Iterator[identify_bench.Candidate]:
-    """Use one session of two repeats per candidate; return the first one."""
+    """Use one session of two repeats per candidate, and two depths; return the first one."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(identify_bench, "SHOWN_REPEATS", 2)
+        patch.setattr(identify_bench, "DEPTHS_MM", DEPTHS_MM[:: len(DEPTHS_MM) - 1])
         yield identify_bench.evaluate(WorldParameters(), 2, [1])
 
 
