@@ -19,7 +19,8 @@ from rigctl.bench.simulated_rig import DRUM, TAXELS, FaultInjection, SimulatedLi
 from rigctl.boards.sensor_driver import SensorDriver
 from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 
-SLICE_US = 20_000
+SLICE_US = 100_000
+"""A timer of the host, or a reply of the drum, ends nearly every advance before."""
 WARM_UP_US = 300_000
 """By then the boards have booted, the load cell converts and the taxels send frames."""
 
@@ -133,7 +134,7 @@ class VirtualRig:
 
     @property
     def slice_us(self) -> int:
-        return max(1, int(min(SLICE_US, self._drum_cable.next_us - self.time_us)))
+        return max(1, math.ceil(min(SLICE_US, self._drum_cable.next_us - self.time_us)))
 
     def advance(self, until_us: int) -> None:
         """Simulate every whole millisecond up to a time.

@@ -17,7 +17,7 @@ WATCHDOG_INTERVAL_S = 0.05
 
 
 class SilenceWatch:
-    """Calls ``on_silence`` where nothing is heard for ``timeout_s``; it checks every 50 ms.
+    """Calls ``on_silence`` where nothing is heard for ``timeout_s``, or up to 50 ms later.
 
     ``heard_s``: loop time at which something was heard last, 0 before.
     """
@@ -54,7 +54,7 @@ class SilenceWatch:
     def _check(self, due_s: float) -> None:
         """Report silence, unless the loop itself is late and has bytes to read first."""
         now_s = self._loop.time()
-        self._schedule(now_s + WATCHDOG_INTERVAL_S)
+        self._schedule(max(self.heard_s + self._timeout_s, now_s + WATCHDOG_INTERVAL_S))
         if now_s - self.heard_s > self._timeout_s and now_s - due_s < WATCHDOG_INTERVAL_S:
             self._on_silence()
 

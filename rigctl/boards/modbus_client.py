@@ -354,9 +354,10 @@ class ModbusClient:
         timeout_s = self._adaptive_timeout.timeout_s if early else REPLY_TIMEOUT_S
         self._buffer = b""
         self._reply, self._sent = self._loop.create_future(), request
+        timer = self._loop.call_later(timeout_s, _time_out, self._reply)
         try:
             self._send(request.frame)
-            pdu = await asyncio.wait_for(self._reply, timeout_s)
+            pdu = await self._reply
             repeats, self._last_reply = pdu == self._last_reply, pdu
             return ModbusPDU() if repeats and not early else _decode(pdu)
         except CorruptFrame:
@@ -364,6 +365,8 @@ class ModbusClient:
         except TimeoutError:
             if early:
                 self._adaptive_timeout.record_timeout()
+        finally:
+            timer.cancel()
         self.timeouts += 1
         return None
 
@@ -422,6 +425,11 @@ class ModbusClient:
 
     def _preempted(self) -> PreemptedByStop:
         return PreemptedByStop(f"{self.link.name}: a stop preempted this request")
+
+
+def _time_out(reply: asyncio.Future[bytes]) -> None:
+    if not reply.done():
+        reply.set_exception(TimeoutError())
 
 
 def _decode(pdu: bytes) -> ModbusPDU:

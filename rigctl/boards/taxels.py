@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -257,7 +257,9 @@ class Taxels:
         samples = block.samples.take(self._order, axis=1)
         if not self.array.pressure_raises:
             samples = np.uint16(self.array.full_scale) - samples
-        return replace(block, samples=samples)
+        return Block(
+            block.counters, samples, block.flags, block.edges, block.gaps, block.arrived_s
+        )
 
     def _count(self, decoded: Decoded) -> None:
         counters = self.counters

@@ -244,7 +244,6 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.event_bus.publish("failed", f"the queue waits: {self.queue.problem}")
 
     def _serve_boards(self) -> None:
-        self.boards.pipeline.flush()
         if self.early_end is not None and self.run is not None:
             self.early_end.poll(self.run.status().trials_committed, self.run.end_condition)
         super()._serve_boards()
@@ -275,7 +274,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         self._mark_link(NOISE, not is_noisy)
 
     def _is_recorded(self, run: Run) -> bool:
-        return run.recording_status(self.boards.pipeline.is_recording).active
+        return self.boards.pipeline.is_recording and run.disk_monitor.grows
 
     def _samples_failed(self, fault: RigFault) -> None:
         """End the run as failed, and then the engine: what failed once is not called again."""

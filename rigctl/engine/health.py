@@ -264,36 +264,41 @@ class DiskMonitor:
 
     def __init__(self, recorder: SessionRecorder) -> None:
         self._recorder = recorder
+        self._status = recorder.status
         self._samples = RateMeter(ACTIVE_WINDOW_S)
         self._bytes = RateMeter(RATE_WINDOW_S)
 
     def update(self, now_s: float) -> None:
         """Read the recorder's status."""
-        status = self._recorder.status
+        self._status = status = self._recorder.status
         self._samples.update(now_s, status.samples_on_disk)
         self._bytes.update(now_s, status.bytes_on_disk)
 
     @property
     def recorder_works(self) -> bool:
         """Whether the recorder keeps up or has reported a failure."""
-        status = self._recorder.status
-        return status.failure is not None or status.queue_samples < HUNG_SAMPLES
+        return self._status.failure is not None or self._status.queue_samples < HUNG_SAMPLES
+
+    @property
+    def grows(self) -> bool:
+        """Whether samples have reached the disk within the last second."""
+        return self._samples.increase > 0
 
     def must_pause(self, paused: bool) -> bool:
         """Return whether the disk is too full or too slow to record.
 
         A ``paused`` run needs twice the space, and everything written.
         """
-        status = self._recorder.status
+        status = self._status
         reserve = (RESERVE_BYTES + RESERVE_S * self._bytes.per_s) * (2 if paused else 1)
         is_behind = status.queue_samples > (0 if paused else SLOW_SAMPLES)
         return status.disk_free_bytes < reserve or is_behind
 
     def status(self, recording: bool) -> RecordingStatus:
         """Return the recording's part of the status message."""
-        status, rate = self._recorder.status, self._bytes.per_s
+        status, rate = self._status, self._bytes.per_s
         return RecordingStatus(
-            active=recording and self._samples.increase > 0,
+            active=recording and self.grows,
             samples_on_disk=status.samples_on_disk,
             samples_last_s=self._samples.increase,
             folder=str(self._recorder.folder),

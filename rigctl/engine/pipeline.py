@@ -10,6 +10,7 @@ and offline spikes of a trial are equal.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -25,8 +26,8 @@ from rigctl.values import HELD_SAMPLES, SAMPLE_RATE_HZ, Block
 
 REAL_TIME_BATCH_SAMPLES = 10
 """Samples per batch in real time: at most 10 ms of delay, a hundred batches a second."""
-FAST_BATCH_SAMPLES = 100
-"""Samples per batch where simulated time is faster than real time and no user can watch."""
+FAST_BATCH_SAMPLES = 500
+"""Samples per batch where simulated time is faster than real time: who needs the newest flushes."""
 MAX_QUEUED_SAMPLES = 30_000
 """Longest queue at a simulated bench; with more, its clock stops until the disk has caught up."""
 _CLOCK_PERIOD_SAMPLES = 50
@@ -66,6 +67,7 @@ class SamplePipeline:
         self._recorder: Recorder | None = None
         self._pending: list[Block] = []
         self._pending_samples = 0
+        self._newest_counter = -1
         self._next_counter: int | None = None
         self._last_sample: NDArray[np.uint16] | None = None
         self._reset_counter = -1
@@ -75,6 +77,9 @@ class SamplePipeline:
 
     def add_block(self, block: Block) -> None:
         """Accept a block that the driver decoded."""
+        if not len(block):
+            return
+        self._count(block)
         self._pending.append(block)
         self._pending_samples += len(block)
         if self._pending_samples >= self._batch_samples:
@@ -98,13 +103,17 @@ class SamplePipeline:
 
     def subscribe(self, subscriber: Callable[[Block], object]) -> Callable[[], None]:
         """Call ``subscriber`` with every batch; return the function that unsubscribes it."""
+        self.flush()
         self._subscribers.append(subscriber)
-        return lambda: self._subscribers.remove(subscriber)
+        return partial(self._unsubscribe, subscriber)
+
+    def _unsubscribe(self, subscriber: Callable[[Block], object]) -> None:
+        self.flush()
+        self._subscribers.remove(subscriber)
 
     def _process(self, block: Block) -> None:
         if self._next_counter is not None and block.counters[0] < self._next_counter:
             self._reset()
-        self._count(block)
         if self._recorder is not None:
             self._record(self._recorder, block)
         starts = self.trial_cutter.add_block(block)
@@ -121,13 +130,16 @@ class SamplePipeline:
         )
 
     def _reset(self) -> None:
-        """The board rebooted: its counters and its clock restart."""
+        """The board rebooted: its counters restart."""
         self.trial_cutter.reset()
-        self.clock_fit.reset()
         self._next_counter = None
         self._reset_counter = -1
 
     def _count(self, block: Block) -> None:
+        newest = int(block.counters[-1])
+        if newest < self._newest_counter:
+            self.clock_fit.reset()  # the board rebooted: its clock restarts
+        self._newest_counter = newest
         self.sample_count += len(block)
         if block.gaps:
             self.gap_count += len(block.gaps)
@@ -137,11 +149,11 @@ class SamplePipeline:
         self._samples_since_clock += len(block)
         if self._samples_since_clock >= _CLOCK_PERIOD_SAMPLES:
             self._samples_since_clock = 0
-            self.clock_fit.add(int(block.counters[-1]) * _SAMPLE_S, block.arrived_s)
+            self.clock_fit.add(newest * _SAMPLE_S, block.arrived_s)
 
     def _record(self, recorder: Recorder, block: Block) -> None:
         recorder.add_block(block)
-        if self._waits_for_disk and recorder.status.queue_samples > MAX_QUEUED_SAMPLES:
+        if self._waits_for_disk and recorder.queue_samples > MAX_QUEUED_SAMPLES:
             recorder.wait_written()
 
     def _encode(self, block: Block, starts: list[int]) -> NDArray[np.uint8]:
@@ -213,8 +225,6 @@ def _merge(blocks: list[Block]) -> list[Block]:
     """Return the samples in as few blocks as possible: a new one where the counters fall back."""
     runs: list[list[Block]] = []
     for block in blocks:
-        if not len(block):
-            continue
         if runs and block.counters[0] > runs[-1][-1].counters[-1]:
             runs[-1].append(block)
         else:

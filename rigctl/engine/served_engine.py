@@ -223,7 +223,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
                 await run.execute()
         finally:
             with self._publish_disk_fault():
-                self._truth.save(is_last=True)
+                self._truth.end()
 
     @contextmanager
     def _publish_disk_fault(self) -> Iterator[None]:
@@ -323,7 +323,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         if self.run is not None and self.run.streams is not None:
             self.run.streams.tell_time(self._now_s())
         with self._publish_disk_fault():
-            self._truth.save()
+            self._truth.save(self._now_s())
 
     def _check_disk(self) -> None:
         if self.run is None or self.run.ended:

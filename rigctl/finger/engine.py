@@ -93,7 +93,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
         return BoardStatus(firmware=identity.firmware_version, boot_count=identity.boot_count)
 
     def _is_recorded(self, run: FingerRun) -> bool:
-        return run.recording_status(run.is_recording).active
+        return run.is_recording and run.disk_monitor.grows
 
     def _link_changed(self, device: str, connected: bool) -> None:
         self._mark_link(_reason(device), connected)

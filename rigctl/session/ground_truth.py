@@ -426,8 +426,8 @@ def _new_sitting(folder: Path, start: Start) -> int:
     return own[0] if own else max([0, *sittings.values()]) + 1
 
 
-TRUTH_PERIOD_MS = 2_000
-"""World time from one write of the ground truth to the next."""
+TRUTH_PERIOD_S = 2.0
+"""Loop time from one write of the ground truth to the next."""
 
 
 class Truth(Protocol):
@@ -452,6 +452,7 @@ class TruthRecorder:
         self._truth_of = truth_of
         self._columns = columns
         self._log: TruthLog | None = None
+        self._due_s = 0.0
 
     def begin(self, folder: Path, start: Start) -> None:
         """Log into a session from now on. ``start`` is that of the sitting."""
@@ -460,18 +461,25 @@ class TruthRecorder:
             first_ms, *columns = truth.take()
             self._log = begin_log(folder, start, first_ms + len(columns[0]), columns=self._columns)
 
-    def save(self, is_last: bool = False) -> None:
-        """Write the rows since the last call once a period has passed, or the last of them.
+    def save(self, now_s: float) -> None:
+        """Write the rows since the last write once a period has passed; ``now_s``: loop time.
 
         Without a log they are dropped, so that a rig may stand for days.
         """
-        truth = self._truth_of()
-        if truth is None or (truth.n_rows < TRUTH_PERIOD_MS and not is_last):
-            return
-        rows, log = truth.take(), self._log
-        if is_last:
-            self._log = None
+        if now_s >= self._due_s:
+            self._due_s = now_s + TRUTH_PERIOD_S
+            self._write(self._log)
+
+    def end(self) -> None:
+        """Write the last rows and close the log."""
+        log, self._log = self._log, None
+        self._write(log)
         if log is not None:
-            log.write(rows)
-            if is_last:
-                log.close()
+            log.close()
+
+    def _write(self, log: TruthLog | None) -> None:
+        truth = self._truth_of()
+        if truth is not None:
+            rows = truth.take()
+            if log is not None:
+                log.write(rows)

@@ -295,7 +295,7 @@ class SessionRecorder:
     @property
     def status(self) -> RecorderStatus:
         """Snapshot, cheap enough for every display update."""
-        return replace(self._writer.status, queue_samples=self._queue_samples, failure=self.failure)
+        return replace(self._writer.status, queue_samples=self.queue_samples, failure=self.failure)
 
     @property
     def failure(self) -> str | None:
@@ -348,12 +348,12 @@ class SessionRecorder:
         """Record samples; if the queue is full, drop them and record a gap."""
         if self._failure is not None:
             return
-        if self._queue_samples + len(block) > self._limit_samples:
+        if self.queue_samples + len(block) > self._limit_samples:
             self._drop(block)
             return
         self._put_overflow()
         self._put(partial(self._writer.add_block, block), len(block))
-        if self._queue_samples >= WAKE_AT_SAMPLES:
+        if self.queue_samples >= WAKE_AT_SAMPLES:
             self._wake.set()
 
     def add_event(self, event: Event) -> None:
@@ -402,7 +402,8 @@ class SessionRecorder:
         self.close(SessionOutcome.FAILED if failed else None)
 
     @property
-    def _queue_samples(self) -> int:
+    def queue_samples(self) -> int:
+        """Samples that wait for the disk."""
         return self._put_samples - self._taken_samples
 
     def _put_trial(self, row: Attempt, encode: EncodeTrial) -> None:
