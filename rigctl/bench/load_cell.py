@@ -16,6 +16,9 @@ from rigctl.bench.simulated_rig import Disturbances, LoadcellFault
 FULL_SCALE = 8_388_607
 SETTLING_CONVERSIONS = 4
 
+NOISE_ROWS, RUN_ROWS = 256, 100
+"""Conversions whose noise is fetched at once, and those of a second, the longest run, and more."""
+
 SPIKE_G = 1000.0
 """By how much a single bad conversion is wrong."""
 
@@ -96,6 +99,8 @@ class LoadCellAmplifier:
         self._rate_hz = parameters.loadcell_rate_hz * (1.0 + parameters.loadcell_clock_ppm * 1e-6)
         self._parameters = parameters
         self._noise = NoiseRows(seed, NoiseStream.LOADCELL, 1)
+        self._noise_window: NDArray[np.float32] = np.zeros(0, np.float32)
+        self._noise_first = 0
         self._weigh_count = 0
         self._state = np.zeros(_STATE_SIZE)
         self._constants = np.zeros(_CONSTANTS_SIZE)
@@ -146,12 +151,16 @@ class LoadCellAmplifier:
             circuit.cell_spike_every,
         )
 
-    def noise(self, until_us: int) -> NDArray[np.float32]:
-        """Return standard normal noise, float32 (n,), for all conversions up to a time."""
-        count = 2 + int(max(0.0, until_us - self._state[NEXT_US]) / self.period_us)
+    def noise(self) -> NDArray[np.float32]:
+        """Return standard normal noise, float32 (n,), for the conversions of the next second."""
         has_data = self._disturbances.circuit.cell_data
         self._constants[_FAULT] = self._disturbances.loadcell if has_data else LoadcellFault.SILENT
-        return self._noise.rows(int(self._state[NUMBER]), count).reshape(-1)
+        first = int(self._state[NUMBER])
+        begin = first - self._noise_first
+        if begin + RUN_ROWS > len(self._noise_window):
+            self._noise_window = self._noise.rows(first, NOISE_ROWS).reshape(-1)
+            self._noise_first, begin = first, 0
+        return self._noise_window[begin:]
 
     def weigh(self, at_us: int) -> int:
         """Return raw counts of a conversion, for a caller with its own clock."""

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from rigctl.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.bench.boards.driver_board import DriverBoard
@@ -97,12 +100,9 @@ class DrumCable:
 
     def _split_replies(self) -> None:
         data, cycles = self._drum.firmware.take_sent()
-        first = 0
-        for end in range(1, len(data) + 1):
-            if end < len(data) and cycles[end] - cycles[end - 1] <= 1.5 * BYTE_CYCLES:
-                continue
-            self._replies.append((data[first:end], self._drum.us(cycles[end - 1])))
-            first = end
+        pauses = (cycles[1:] - cycles[:-1] > 1.5 * BYTE_CYCLES).nonzero()[0] + 1
+        for first, end in pairwise((0, *pauses.tolist(), len(data))):
+            self._replies.append((data[first:end], self._drum.us(int(cycles[end - 1]))))
 
 
 class VirtualRig:
@@ -113,6 +113,7 @@ class VirtualRig:
     ) -> None:
         self.time_us = 0
         self._closed = False
+        self._flushed_us = 0
         self._bench = bench
         self.drum = SimulatedLink(DRUM, 2 * bench.seed)
         self.taxels = SimulatedLink(TAXELS, 2 * bench.seed + 1)
@@ -141,8 +142,10 @@ class VirtualRig:
 
         A closed rig only advances its time: an event loop may still have timers.
         """
-        while not self._closed and (self.cosimulation.time_ms + 1) * 1000 <= until_us:
-            self._run(until_us // 1000)
+        until_ms = until_us // 1000
+        while not self._closed and self.cosimulation.time_ms < until_ms:
+            self.cosimulation.run(min(until_ms, self.cosimulation.time_ms + LOG_EVERY_MS))
+            self._flush_taxels()
         self.time_us = until_us
         if not self._closed:
             self._drum_cable.advance(until_us)
@@ -168,15 +171,14 @@ class VirtualRig:
         self.cosimulation.firmware.close()
         self._taxels.firmware.close()
 
-    def _run(self, until_ms: int) -> None:
-        """Run up to the next flush of the taxels' cable, or up to ``until_ms``."""
-        now_ms, flush_ms = self.cosimulation.time_ms, FLUSH_US // 1000
-        flush_at_ms = (now_ms // flush_ms + 1) * flush_ms
-        self.cosimulation.run(min(until_ms, flush_at_ms, now_ms + LOG_EVERY_MS))
-        if self.cosimulation.time_ms == flush_at_ms:
-            data = self._taxels.send(flush_at_ms * 1000)
+    def _flush_taxels(self) -> None:
+        """Deliver what the taxels' cable has flushed by now."""
+        now_us = self.cosimulation.time_ms * 1000
+        while self._flushed_us + FLUSH_US <= now_us and not self._closed:
+            self._flushed_us += FLUSH_US
+            data = self._taxels.send(self._flushed_us)
             if data:
-                self.taxels.deliver(data, flush_at_ms * 1e-3)
+                self.taxels.deliver(data, self._flushed_us * 1e-6)
 
     def _apply_disturbances(self) -> None:
         self.cosimulation.apply_disturbances()

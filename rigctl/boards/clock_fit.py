@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 WINDOW_POINTS = 3000
 MIN_NEW_POINTS = 20
-"""Least number of new readings before a fit."""
+"""Least number of new readings before a fit, which needs a tenth of all besides."""
 RECENT_S = 5.0
 """Window of the earliest arrivals, in which 100 ppm of clock error amount to 0.5 ms."""
 _PASSES = 4
@@ -77,9 +77,10 @@ class ClockFit:
     @property
     def estimate(self) -> ClockEstimate | None:
         """The clock error from all readings, None while there are too few."""
-        if self._count - self._fitted >= MIN_NEW_POINTS:
+        n_readings = min(self._count, len(self._readings))
+        if self._count - self._fitted >= max(MIN_NEW_POINTS, n_readings // 10):
             self._fitted = self._count
-            readings = self._readings[: min(self._count, len(self._readings))]
+            readings = self._readings[:n_readings]
             self._estimate = fit_clock(readings[:, 0], readings[:, 1])
         return self._estimate
 

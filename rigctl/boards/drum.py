@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import groupby
 
 from rigctl.boards import drum_registers
@@ -35,6 +36,9 @@ from rigctl.boards.links import ByteLink
 from rigctl.boards.modbus_client import DRAIN_S, LINK_TIMEOUT_S, ModbusClient, RequestRefused
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
+
+_planned_reads = cache(plan_reads)
+"""Kept, as the same registers are read again and again."""
 
 REFUSED_IN_STATE = 4
 """Modbus exception of a command or a change that the present state refuses."""
@@ -257,7 +261,7 @@ class Drum:
     async def get(self, *names: str) -> dict[str, float]:
         """Read registers and return their values in engineering units, by name."""
         values: dict[str, float] = {}
-        for layout in plan_reads(names):
+        for layout in _planned_reads(names):
             values |= layout.values(await self.modbus.read(layout.address, layout.count))
         self._update_settings(values)
         return values

@@ -126,8 +126,8 @@ class PollDecoder:
             last = self._sequence
         newest = unwrap(last, wire, _U16)
         held, recent = min(LOADCELL_RECENT, newest - last), raw["loadcell_recent"]
-        counts = {n: raw for n, (raw, at_us) in ring.items() if self._is_current(at_us, newest_us)}
-        counts |= zip(range(newest - held + 1, newest + 1), recent[:held][::-1], strict=True)
+        counts = [(n, raw) for n, (raw, at_us) in ring.items() if self._is_current(at_us, newest_us)]
+        counts += zip(range(newest - held + 1, newest + 1), recent[:held][::-1], strict=True)
         self.loadcell_lost += newest - last - len(counts)
         samples = self._timed(counts, last, newest, newest_us, self._turns(raw, now_us))
         self._sequence, self._sample_us = newest, newest_us
@@ -151,18 +151,21 @@ class PollDecoder:
 
     def _timed(
         self,
-        counts: Mapping[int, int],
+        counts: Sequence[tuple[int, int]],
         last: int,
         newest: int,
         newest_us: int,
         turns: Callable[[int], float] | None,
     ) -> tuple[LoadcellSample, ...]:
-        """Return samples with times evenly spaced between the newest of last and this poll."""
+        """Return samples with times evenly spaced between the newest of last and this poll.
+
+        ``counts``: sequence number and raw counts of each, ascending.
+        """
         span_us, n_new = newest_us - self._sample_us, max(newest - last, 1)
         tare, scale = float(self.tare_counts), self.scale_ug_per_count
         samples = []
-        for n in sorted(counts):
-            at_us, raw = newest_us - round(span_us * (newest - n) / n_new), counts[n]
+        for n, raw in counts:
+            at_us = newest_us - round(span_us * (newest - n) / n_new)
             if turns is not None:
                 tare = self.tare_counts + interpolate(self.tare_table, turns(at_us))
             samples.append(LoadcellSample(n, at_us, raw, (raw - tare) * scale * 1e-6))

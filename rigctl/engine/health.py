@@ -117,8 +117,8 @@ class LineMonitor:
 
 
 DRUM, TAXELS = "drum", "taxels"
-READ_PERIOD_CYCLES = 20
-"""Cycles of the poll loop between two reads of the drum's counters: a second."""
+READ_PERIOD_S = 0.95
+"""From one read of the drum's counters to the poll before the next, which follows a poll."""
 EVENT_KIND = "board"
 START, END = "start", "end"
 
@@ -170,8 +170,8 @@ class BoardHealth:
                     )
                     late_ticks = round(self._drum_counters[_LATE_TICKS])
                     self._late_ticks[DRUM].update(self._identities[DRUM].boot_count, late_ticks)
-            for _ in range(READ_PERIOD_CYCLES):
-                await self._poller.wait_cycle()
+            await asyncio.sleep(READ_PERIOD_S)
+            await self._poller.wait_cycle()
 
     def counters(self) -> dict[str, Counters]:
         """Return the counters of each board that has reported, by board."""

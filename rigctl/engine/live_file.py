@@ -72,14 +72,18 @@ class Ring:
         """Add rows, oldest first."""
         kept = rows[max(0, len(rows) - self.capacity) :]
         self.end += len(rows)
-        self.put(self.end - len(kept), kept)
+        self.put(self.end - len(kept), len(kept), kept)
 
-    def put(self, first: int, rows: NDArray[Any]) -> None:
-        """Store rows from number ``first`` on, at most the capacity."""
+    def put(self, first: int, count: int, rows: NDArray[Any] | float) -> None:
+        """Store rows, or one value for all, from number ``first`` on, at most the capacity."""
         begin = first % self.capacity
-        n_before_seam = min(len(rows), self.capacity - begin)
-        self._rows[begin : begin + n_before_seam] = rows[:n_before_seam]
-        self._rows[: len(rows) - n_before_seam] = rows[n_before_seam:]
+        if begin + count <= self.capacity:
+            self._rows[begin : begin + count] = rows
+            return
+        each = np.broadcast_to(rows, (count, *self._rows.shape[1:]))
+        n_before_seam = self.capacity - begin
+        self._rows[begin:] = each[:n_before_seam]
+        self._rows[: count - n_before_seam] = each[n_before_seam:]
 
     def between(self, first: int, end: int) -> NDArray[Any]:
         """Return the rows ``first`` … ``end - 1``: a view, or a copy where they cross the seam."""
@@ -136,8 +140,7 @@ class RingBuffer:
         head = self.head
         self._counters[0] = head + count
         for name, column in self._columns.items():
-            value = values[name]
-            column.put(head, value if isinstance(value, np.ndarray) else np.full(count, value))
+            column.put(head, count, values[name])
         self._counters[1] = head + count
 
     def newest(self, n: int) -> tuple[int, dict[str, NDArray[Any]]]:

@@ -51,7 +51,7 @@ AT_REST = DrumTrajectory(0.0, 0.0, 0.0)
 def next_counts(bench: Bench) -> int | None:
     """Return the amplifier's due conversion; None if it offers none."""
     state, constants = bench.loadcell.arrays
-    noise = float(bench.loadcell.noise(int(state[NEXT_US]))[0])
+    noise = float(bench.loadcell.noise()[0])
     offered = convert(state, constants, bench.plant.log, bench.plant.force_g, noise)
     return int(state[LAST_COUNTS]) if offered else None
 

@@ -81,7 +81,7 @@ class DrumCosimulation:
         kernel.run(
             bench.plant.arrays,
             bench.loadcell.arrays,
-            bench.loadcell.noise(until_ms * 1000),
+            bench.loadcell.noise(),
             firmware.arrays,
             self._scales,
             bench.electrics,

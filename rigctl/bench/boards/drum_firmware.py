@@ -94,6 +94,8 @@ class DrumFirmware(FirmwareLibrary):
         integers: NDArray[np.int64] = self._view("potentiometer", len(INTEGER_FIELDS), I64)
         floats: NDArray[np.float64] = self._view("step_size", len(FLOAT_FIELDS), ctypes.c_double)
         poll: NDArray[np.uint16] = self._view("poll_words", POLL_BLOCK[1], ctypes.c_uint16)
+        self._sent: NDArray[np.uint8] = self._view("tx", MAX_BYTES, ctypes.c_uint8)
+        self._sent_cycles: NDArray[np.int64] = self._view("tx_cycle", MAX_BYTES, I64)
         self.arrays = integers, floats, poll
 
     @property
@@ -115,11 +117,11 @@ class DrumFirmware(FirmwareLibrary):
         """Put bytes from the host on the cable at a cycle."""
         self.call("receive", data, len(data), cycle)
 
-    def take_sent(self) -> tuple[bytes, list[int]]:
+    def take_sent(self) -> tuple[bytes, NDArray[np.int64]]:
         """Return the bytes sent since the last call, and the cycle at which each was complete."""
         count = self.io.tx_count
         self.io.tx_count = 0
-        return bytes(self.io.tx[:count]), list(self.io.tx_cycle[:count])
+        return self._sent[:count].tobytes(), self._sent_cycles[:count]
 
     def take_edges(self) -> list[tuple[int, int, int]]:
         """Return the edges since the last call: cycle, SYNC or INDEX, level."""

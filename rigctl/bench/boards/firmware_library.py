@@ -41,7 +41,8 @@ class FirmwareLibrary:
     ) -> None:
         self._name = name
         self._library = _load(name, io_type, {**_COMMON, **signatures}, path)
-        self.handle: int = self.function("open")()
+        self._functions = {key: self.function(key) for key in (*_COMMON, *signatures)}
+        self.handle: int = self._functions["open"]()
         self.io: Any = io_type.from_address(self.call("io"))
 
     def function(self, name: str) -> Any:
@@ -50,7 +51,7 @@ class FirmwareLibrary:
 
     def call(self, name: str, *arguments: Any) -> Any:
         """Call a function of the library on this board."""
-        return self.function(name)(self.handle, *arguments)
+        return self._functions[name](self.handle, *arguments)
 
     def boot(self, reset_cause: int) -> None:
         """Boot with these bits in the chip's MCUSR; the EEPROM persists."""

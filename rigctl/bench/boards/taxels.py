@@ -58,6 +58,9 @@ class TaxelFirmware(FirmwareLibrary):
         self.inputs: int = self.function("inputs")()
         self._flags = np.ctypeslib.as_array(self.io.flags)
         self._edges = np.ctypeslib.as_array(self.io.edges)
+        self._sent = np.ctypeslib.as_array(self.io.tx)
+        self._readings = np.zeros((MAX_FRAMES, self.lines * self.inputs), np.uint16)
+        self._readings_at = self._readings.ctypes.data
 
     def edge(self, signal: int, level: int, cycle: int) -> None:
         """Pass an edge of SYNC or INDEX; its frame must not be closed yet."""
@@ -74,8 +77,9 @@ class TaxelFirmware(FirmwareLibrary):
         """
         if readings.shape[1] != self.lines * self.inputs:
             raise RigFault(self._other_sensor(f"{readings.shape[1]} readings come"))
-        rows = np.ascontiguousarray(readings, np.uint16)
-        self.call("run", rows.ctypes.data, len(rows))
+        n_frames = len(readings)
+        self._readings[:n_frames] = readings
+        self.call("run", self._readings_at, n_frames)
 
     def require(self, sensor: TaxelArray) -> None:
         """Raise ConfigError where the board was compiled for another sensor."""
@@ -108,7 +112,7 @@ class TaxelFirmware(FirmwareLibrary):
         """Return the bytes sent since the last call."""
         count = self.io.tx_count
         self.io.tx_count = 0
-        return ctypes.string_at(ctypes.addressof(self.io.tx), count)
+        return self._sent[:count].tobytes()
 
 
 FRAME_US = 1000
