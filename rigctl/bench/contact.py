@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.bench.noise import NoiseStream, compiled, random_generator
+from rigctl.bench.noise import NoiseStream, random_generator
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.textures import (
     GRID_MM,
@@ -27,6 +27,7 @@ from rigctl.bench.textures import (
     odd_cell_count,
 )
 from rigctl.config.rig_config import PAPER_ARRAY
+from rigctl.kernels import compiled
 
 Shape = tuple[int, int, int]
 """Rows along the travel and columns across it, the sites of a sensor, and layers: each site holds a

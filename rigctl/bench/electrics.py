@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.bench.circuit import Circuit, Wiper, wire_of
-from rigctl.bench.noise import compiled, inlined
 from rigctl.boards.drum_codes import Signal
 from rigctl.config.rig_config import TaxelArray
+from rigctl.kernels import compiled, inlined
 
 END_MM = 0.05
 """Distance to the actuator's end at which the end switch opens."""

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from rigctl.bench.circuit import Circuit
 from rigctl.bench.mechanics import LOADCELL_G, RING_MS, Mechanics
-from rigctl.bench.noise import NoiseRows, NoiseStream, compiled, inlined
+from rigctl.bench.noise import NoiseRows, NoiseStream
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.simulated_rig import Disturbances, LoadcellFault
+from rigctl.kernels import compiled, inlined
 
 FULL_SCALE = 8_388_607
 SETTLING_CONVERSIONS = 4

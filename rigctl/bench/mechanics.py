@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.bench.contact import REFERENCE_FORCE_G, ForceTable
-from rigctl.bench.noise import compiled, inlined, modulo
+from rigctl.bench.noise import modulo
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.textures import GRID_MM
+from rigctl.kernels import compiled, inlined
 
 RING_MS = 4096
 """Length of the ring; no reader goes back further."""
@@ -162,12 +163,12 @@ def step_millisecond(
     before_mm = s[_POSITION]
     _turn_drum(s, c, nominal_mm)
     loadcell_g = _load_cell_force(s, c, force_table, drive, s[_POSITION] - before_mm)
-    row = log[int(s[TIME_MS]) % RING_MS]
-    row[DRUM_MM] = s[_POSITION]
-    row[DEPTH_MM] = s[_DEPTH]
-    row[FORCE_G] = s[FORCE]
-    row[LOADCELL_G] = loadcell_g
-    row[CONTACTS] = s[_CONTACTS]
+    at = int(s[TIME_MS]) % RING_MS
+    log[at, DRUM_MM] = s[_POSITION]
+    log[at, DEPTH_MM] = s[_DEPTH]
+    log[at, FORCE_G] = s[FORCE]
+    log[at, LOADCELL_G] = loadcell_g
+    log[at, CONTACTS] = s[_CONTACTS]
 
 
 @compiled

@@ -6,26 +6,13 @@ Row *n* of a stream depends only on the seed, the stream and *n*.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from enum import IntEnum
-from typing import Any, TypeVar, cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def compiled(function: F) -> F:
-    """Compile a kernel at its first call; it releases the GIL while it runs."""
-    return cast(F, njit(nogil=True, cache=True, error_model="numpy")(function))
-
-
-def inlined(function: F) -> F:
-    """Compile a small function that kernels inline."""
-    return cast(F, njit(nogil=True, error_model="numpy")(function))
+from rigctl.kernels import inlined
 
 
 @inlined

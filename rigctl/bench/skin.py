@@ -34,18 +34,12 @@ from rigctl.bench.mechanics import (
     RING_MS,
     Mechanics,
 )
-from rigctl.bench.noise import (
-    NoiseRows,
-    NoiseStream,
-    compiled,
-    inlined,
-    modulo,
-    random_generator,
-)
+from rigctl.bench.noise import NoiseRows, NoiseStream, modulo, random_generator
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.textures import GRID_MM
 from rigctl.bench.touch import NO_TOUCH
 from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
+from rigctl.kernels import compiled, inlined, uncounted
 
 FULL_COUNTS = 1023
 SLOT_US = 50
@@ -68,15 +62,16 @@ NO_JITTER: NDArray[np.float32] = np.zeros((0, 0), np.float32)
 
 @inlined
 def _sense_contact(
-    sensed: _Floats, table: _Table, mean: _Table, taxels: _Floats, row: _Floats, c: _Floats
+    sensed: _Floats, table: _Table, mean: _Table, taxels: _Floats, log: _Floats, at: int, c: _Floats
 ) -> None:
-    """Look up the conductance of all layers at every site."""
+    """Look up the conductance of all layers at every site; row ``at`` of ``log`` is the present."""
+    # Elements are read one by one: a view of a row costs two atomic operations.
     depths, size, n_layers = table.shape
     n_sites = sensed.size // n_layers
-    first = modulo(row[DRUM_MM] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
+    first = modulo(log[at, DRUM_MM] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
     for i in range(n_sites):
-        offset_mm = taxels[_OFFSET, i] + taxels[_GIVE, i] * row[FORCE_G]
-        cell = (row[DEPTH_MM] - offset_mm) * c[_DEPTH_CELLS]
+        offset_mm = taxels[_OFFSET, i] + taxels[_GIVE, i] * log[at, FORCE_G]
+        cell = (log[at, DEPTH_MM] - offset_mm) * c[_DEPTH_CELLS]
         if cell <= 0.0:
             for layer in range(n_layers):
                 sensed[n_sites * layer + i] = 0.0
@@ -89,10 +84,11 @@ def _sense_contact(
         share = cell - low
         low = low - size if low >= size else low
         high = low + 1 if low + 1 < size else 0
-        shallow, deep = table[depth], table[depth + 1]
         for layer in range(n_layers):
-            above = shallow[low, layer] + (shallow[high, layer] - shallow[low, layer]) * share
-            below = deep[low, layer] + (deep[high, layer] - deep[low, layer]) * share
+            left, right = table[depth, low, layer], table[depth, high, layer]
+            above = left + (right - left) * share
+            left, right = table[depth + 1, low, layer], table[depth + 1, high, layer]
+            below = left + (right - left) * share
             level = mean[depth, layer] + (mean[depth + 1, layer] - mean[depth, layer]) * more
             texture = above + (below - above) * more - level
             sensed[n_sites * layer + i] = max(0.0, level + c[_TEXTURE] * texture)
@@ -110,12 +106,19 @@ def divider_share(own: float, together: float) -> float:
     return own / (together + 1.0)
 
 
+@inlined
+def _slides_at(log: _Floats, ms: int) -> bool:
+    """Return whether the drum slides under pressure in this millisecond."""
+    at, before = ms % RING_MS, (ms - 1) % RING_MS
+    moved_mm = abs(log[at, DRUM_MM] - log[before, DRUM_MM])
+    return bool(log[at, FORCE_G] > 0.0 and moved_mm > 1e-4)
+
+
 @compiled
 def _slides(log: _Floats, first_ms: int, count: int) -> bool:
     """Return whether the drum slides under pressure in one of these milliseconds."""
     for ms in range(first_ms, first_ms + count):
-        row, before = log[ms % RING_MS], log[(ms - 1) % RING_MS]
-        if row[FORCE_G] > 0.0 and abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
+        if _slides_at(log, ms):
             return True
     return False
 
@@ -142,16 +145,17 @@ def _simulate(
     ``reading`` (n,): the reading of each taxel; ``jitter`` (count, sites), or empty if nothing
     slides under pressure.
     """
+    conductances, pressure, log = uncounted(conductances), uncounted(pressure), uncounted(log)
+    table, mean, jitter = uncounted(table), uncounted(mean), uncounted(jitter)
+    taxels, c, reading = uncounted(taxels), uncounted(c), uncounted(reading)
     n_taxels = reading.size
     n_sites = n_taxels // table.shape[2]
     sensed = np.zeros(n_taxels)
     for k in range(count):
-        row = log[(first_ms + k) % RING_MS]
-        before = log[(first_ms + k - 1) % RING_MS]
-        out = conductances[(first_ms + k) % RING_MS]
-        if row[FORCE_G] > 0.0:
-            _sense_contact(sensed, table, mean, taxels, row, c)
-            if abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
+        at = (first_ms + k) % RING_MS
+        if log[at, FORCE_G] > 0.0:
+            _sense_contact(sensed, table, mean, taxels, log, at, c)
+            if _slides_at(log, first_ms + k):
                 for i in range(n_sites):
                     friction = 1.0 + c[_FRICTION] * jitter[k, i]
                     for taxel in range(i, n_taxels, n_sites):
@@ -166,7 +170,7 @@ def _simulate(
                     if pressure[part, i] < LASTING_PRESSURE:
                         pressure[part, i] = 0.0
             lasting = max(0.0, pressure[0, i] - c[_RELAX] * pressure[1, i])
-            out[reading[i]] = c[_REST] + taxels[_GAIN, i] * lasting
+            conductances[at, reading[i]] = c[_REST] + taxels[_GAIN, i] * lasting
 
 
 @compiled
@@ -184,11 +188,13 @@ def _digitise(
             at_ms = (starts_us[frame] + i * slot_us) * 1e-3
             low = int(at_ms)
             share = at_ms - low
-            here, after = conductances[low % RING_MS], conductances[(low + 1) % RING_MS]
-            together = 0.0
+            here, after = low % RING_MS, (low + 1) % RING_MS
+            together = own = 0.0
             for reading in range(i % n_inputs, conductances.shape[1], n_inputs):
-                together += here[reading] * (1.0 - share) + after[reading] * share
-            own = here[i] * (1.0 - share) + after[i] * share
+                each = conductances[here, reading] * (1.0 - share)
+                each += conductances[after, reading] * share
+                together += each
+                own = each if reading == i else own
             value = divider_share(own, together) * FULL_COUNTS + rms * noise[frame, i] + 0.5
             counts[frame, i] = int(min(max(value, 0.0), float(FULL_COUNTS)))
     return counts

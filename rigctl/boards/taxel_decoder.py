@@ -42,6 +42,7 @@ from rigctl.boards.taxel_frames import (
     data_body,
     decode_self_test,
 )
+from rigctl.kernels import inlined, uncounted
 from rigctl.values import Block, Gap
 
 _STATUS = struct.Struct("<2xIIHHHBHHHHB")
@@ -79,7 +80,7 @@ def _crc_table() -> NDArray[np.uint32]:
 CRC_TABLE = _crc_table()
 
 
-@njit(cache=True)
+@inlined
 def crc32(data: Bytes, length: int) -> Any:
     """Return zlib's CRC-32 of the first ``length`` bytes."""
     crc = np.uint32(0xFFFFFFFF)
@@ -88,7 +89,7 @@ def crc32(data: Bytes, length: int) -> Any:
     return crc ^ np.uint32(0xFFFFFFFF)
 
 
-@njit(cache=True)
+@inlined
 def cobs_decode(wire: Bytes, start: int, end: int, out: Bytes) -> int:
     """COBS-decode ``wire[start:end]``, at most 253 bytes without zero; return its length or -1."""
     at, length = start, 0
@@ -106,7 +107,7 @@ def cobs_decode(wire: Bytes, start: int, end: int, out: Bytes) -> int:
     return length
 
 
-@njit(cache=True)
+@inlined
 def decode_frame(wire: Bytes, start: int, end: int, kind: int, out: Bytes) -> bool:
     """Decode ``wire[start:end]`` into ``out``; return whether it is an intact frame of ``kind``."""
     length = cobs_decode(wire, start, end, out)
@@ -118,7 +119,7 @@ def decode_frame(wire: Bytes, start: int, end: int, kind: int, out: Bytes) -> bo
     return bool(crc == np.int64(crc32(out, body)))
 
 
-@njit(cache=True)
+@inlined
 def decode_chunk(wire: Bytes, start: int, end: int, data_body: int, out: Bytes) -> int:
     """Decode the frame that ends a chunk into ``out``; return its kind, 0 where there is none."""
     first = end - data_body - OVERHEAD
@@ -131,7 +132,7 @@ def decode_chunk(wire: Bytes, start: int, end: int, data_body: int, out: Bytes) 
     return 0
 
 
-@njit(cache=True)
+@inlined
 def frame_length(kind: int, data_body: int) -> int:
     """Return the bytes of a frame without its closing zero, 0 for no frame."""
     if kind == DATA:
@@ -142,7 +143,7 @@ def frame_length(kind: int, data_body: int) -> int:
     return 0
 
 
-@njit(cache=True)
+@inlined
 def count_rejected(state: Ints, counts: Ints, chunk: int, frame: int) -> None:
     """Count the bytes of a chunk before its frame; a stream that starts mid-frame is no loss."""
     rest = chunk + state[DISCARDED] - frame
@@ -153,7 +154,7 @@ def count_rejected(state: Ints, counts: Ints, chunk: int, frame: int) -> None:
     state[SYNCHRONISED] = 1
 
 
-@njit(cache=True)
+@inlined
 def little_endian(data: Bytes, at: int, size: int) -> Any:
     """Return the unsigned little-endian integer of ``size`` bytes."""
     value = np.int64(0)
@@ -162,14 +163,14 @@ def little_endian(data: Bytes, at: int, size: int) -> Any:
     return value
 
 
-@njit(cache=True)
+@inlined
 def unwrap_nearest(reference: int, low_bits: int, modulus: int) -> Any:
     """Return the integer nearest to ``reference`` that equals ``low_bits`` modulo ``modulus``."""
     ahead = (low_bits - reference) % modulus
     return reference + (ahead - modulus if ahead >= modulus // 2 else ahead)
 
 
-@njit(cache=True)
+@inlined
 def reset_counter(state: Ints, reference: Any) -> None:
     """Restart counting after a reboot of the board."""
     if state[LAST] != UNKNOWN:
@@ -179,7 +180,7 @@ def reset_counter(state: Ints, reference: Any) -> None:
     state[DROPS] = UNKNOWN
 
 
-@njit(cache=True)
+@inlined
 def unwrap_u32(reference: Any, sent: int) -> Any:
     """Return the unwrapped counter of ``sent``, at most half a turn behind ``reference``."""
     half = np.int64(1) << 31
@@ -189,7 +190,7 @@ def unwrap_u32(reference: Any, sent: int) -> Any:
     return counter - 2 * half if counter > reference + half and reference > half else counter
 
 
-@njit(cache=True)
+@inlined
 def apply_control(body: Bytes, kind: int, state: Ints) -> int:
     """Read counter and boot count of a status or identity; return what it tells."""
     boots = little_endian(body, 17, 2) if kind == STATUS else little_endian(body, 14, 2)
@@ -215,7 +216,7 @@ def apply_control(body: Bytes, kind: int, state: Ints) -> int:
     return REBOOTED if rebooted else FRESH
 
 
-@njit(cache=True)
+@inlined
 def is_second_behind(state: Ints, kind: int, counter: Any) -> bool:
     """Return whether this status runs on from another one that was behind: the board rebooted."""
     before = state[WITNESS]
@@ -224,14 +225,14 @@ def is_second_behind(state: Ints, kind: int, counter: Any) -> bool:
     return bool(kind == STATUS and before != UNKNOWN and counter > before)
 
 
-@njit(cache=True)
+@inlined
 def unpack_samples(body: Bytes, samples: NDArray[np.uint16], row: int) -> None:
     """Unpack 10 bit a taxel, LSB first; ``samples`` has as many columns as the frame readings."""
     for i in range(samples.shape[1]):
         samples[row, i] = bits_at(body, READING_BITS * i) & np.uint32(0x3FF)
 
 
-@njit(cache=True)
+@inlined
 def bits_at(body: Bytes, bit: int) -> Any:
     """Return the bits from one of the readings' bits on, uint32, at least ten."""
     at = READINGS_AT + (bit >> 3)
@@ -249,15 +250,19 @@ def decode_wire(
     notes: Ints,
     controls: Bytes,
     counts: Ints,
+    body: Bytes,
     data_body: int,
 ) -> None:
     """Decode every complete chunk of ``wire``, its first ``counts[USED]`` bytes.
 
-    ``data_body``: bytes in the body of a data frame.
+    ``body``: memory for the longest frame. ``data_body``: bytes in the body of a data frame.
     ``marks``, uint8 (2, n): flags, edge counts. ``notes``, int64 (n, 5): row, first lost
     counter, count, frames that the board reports as dropped; column 4: first row of each boot.
     """
-    body = np.empty(controls.shape[1], np.uint8)
+    wire, state = uncounted(wire), uncounted(state)
+    counts, body = uncounted(counts), uncounted(body)
+    counters, samples, marks = uncounted(counters), uncounted(samples), uncounted(marks)
+    notes, controls = uncounted(notes), uncounted(controls)
     counts[:] = 0
     for end in range(wire.shape[0]):
         if wire[end] != 0:
@@ -279,7 +284,7 @@ def decode_wire(
                 counts[STALE_FRAMES] += 1
 
 
-@njit(cache=True)
+@inlined
 def append_sample(
     body: Bytes,
     state: Ints,
@@ -310,7 +315,7 @@ def append_sample(
     counts[N_ROWS] += 1
 
 
-@njit(cache=True)
+@inlined
 def is_late(state: Ints, counter: Any, sequence: int) -> bool:
     """Return whether a data frame repeats the newest, or comes behind newer ones or a reboot."""
     if state[LAST] != UNKNOWN:
@@ -320,7 +325,7 @@ def is_late(state: Ints, counter: Any, sequence: int) -> bool:
     return bool((sequence - state[PREVIOUS] + LATE) % (1 << 16) <= 2 * LATE)
 
 
-@njit(cache=True)
+@inlined
 def is_doubtful(state: Ints, counter: Any) -> bool:
     """Return whether a data frame may be of another boot, or too far ahead to unwrap.
 
@@ -333,14 +338,14 @@ def is_doubtful(state: Ints, counter: Any) -> bool:
     return bool(ahead > MAX_JUMP or (ahead > 1 and wraps))
 
 
-@njit(cache=True)
+@inlined
 def record_reboot(notes: Ints, counts: Ints) -> None:
     """Record that counting restarts with the next row."""
     notes[counts[N_REBOOTS], 4] = counts[N_ROWS]
     counts[N_REBOOTS] += 1
 
 
-@njit(cache=True)
+@inlined
 def record_gap(state: Ints, counter: Any, drops: Any, notes: Ints, counts: Ints) -> None:
     """Record the samples lost since the last data frame, and how many the board dropped."""
     if state[LAST] != UNKNOWN and counter > state[LAST] + 1:
@@ -391,6 +396,7 @@ class FrameDecoder:
         unknown += [PREVIOUS, WITNESS]
         self._state[unknown] = UNKNOWN
         self._counts = np.zeros(COUNTS_SIZE, np.int64)
+        self._body = np.zeros(self._max_chunk, np.uint8)
         self._allocate(16)
         # Loads the compiled kernel now: later it would delay a heartbeat.
         self.feed(b"", 0.0)
@@ -428,6 +434,7 @@ class FrameDecoder:
             self._notes,
             self._controls,
             self._counts,
+            self._body,
             self._data_body,
         )
         rows, gaps, controls, reboots, frames, bytes_, used, stale = self._counts.tolist()

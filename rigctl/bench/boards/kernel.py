@@ -17,7 +17,8 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rigctl.bench import electrics, load_cell, mechanics
+from rigctl import kernels
+from rigctl.bench import electrics, load_cell, mechanics, noise
 from rigctl.bench.boards.drum_firmware import FLOAT_FIELDS, INTEGER_FIELDS
 from rigctl.bench.electrics import (
     CELL_CLOCK_OPEN,
@@ -35,7 +36,7 @@ from rigctl.bench.mechanics import (
     MechanicsArrays,
     step_millisecond,
 )
-from rigctl.bench.noise import compiled, inlined
+from rigctl.kernels import compiled, inlined, uncounted
 
 FULL_READING = 1023
 
@@ -102,9 +103,8 @@ def _set_actuator_pins(
 
 def _source_digest() -> str:
     """Return a digest of the other files that are compiled into the kernel."""
-    texts = (
-        Path(str(module.__file__)).read_bytes() for module in (electrics, mechanics, load_cell)
-    )
+    modules = electrics, mechanics, load_cell, noise, kernels
+    texts = (Path(str(module.__file__)).read_bytes() for module in modules)
     return hashlib.sha256(b"".join(texts)).hexdigest()
 
 
@@ -115,7 +115,7 @@ def _compile_kernel(digest: str) -> Callable[..., Any]:
     def run(
         plant: MechanicsArrays,
         loadcell: tuple[_Floats, _Floats],
-        noise: NDArray[np.float32],
+        cell_noise: NDArray[np.float32],
         io: tuple[_Integers, _Floats, NDArray[np.uint16]],
         scales: _Floats,
         e: _Floats,
@@ -123,10 +123,13 @@ def _compile_kernel(digest: str) -> Callable[..., Any]:
         results: tuple[_Integers, NDArray[np.uint16], _Integers],
         until_ms: int,
     ) -> None:
-        s, c, log, force_table = plant
-        cell, cell_constants = loadcell
-        integers, floats, poll_words = io
-        conversions, polls, polls_ms = results
+        s, c = uncounted(plant[0]), uncounted(plant[1])
+        log, force_table = uncounted(plant[2]), uncounted(plant[3])
+        cell, cell_constants = uncounted(loadcell[0]), uncounted(loadcell[1])
+        integers, floats, poll_words = uncounted(io[0]), uncounted(io[1]), uncounted(io[2])
+        conversions, polls = uncounted(results[0]), uncounted(results[1])
+        polls_ms, cell_noise = uncounted(results[2]), uncounted(cell_noise)
+        scales, e, control = uncounted(scales), uncounted(e), uncounted(control)
         conversion, sample, poll = 0, 0, 0
         changes = integers[_CHANGES] if digest else 0
         while s[TIME_MS] < until_ms:
@@ -134,7 +137,7 @@ def _compile_kernel(digest: str) -> Callable[..., Any]:
             _set_actuator_pins(integers, s[ROD], s[TIME_MS], scales, e)
             at_us = cell[NEXT_US]
             if at_us < end_ms * 1000.0:
-                integers[_DUE] = convert(cell, cell_constants, log, s[FORCE], noise[conversion])
+                integers[_DUE] = convert(cell, cell_constants, log, s[FORCE], cell_noise[conversion])
                 conversion += 1
                 integers[_DUE_CYCLE] = int(at_us * 1e-3 * scales[CYCLES_PER_MS])
                 integers[_IN_STEP] = e[CELL_CLOCK_OPEN] == 0.0

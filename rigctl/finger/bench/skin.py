@@ -24,11 +24,11 @@ from rigctl.bench.mechanics import (
     RING_MS,
     Mechanics,
 )
-from rigctl.bench.noise import compiled
 from rigctl.bench.parameters import WorldParameters, validated
 from rigctl.bench.skin import SLOT_US, Skin
 from rigctl.finger.board_messages import N_TAXELS
 from rigctl.finger.values import PLATE_MM
+from rigctl.kernels import compiled
 from rigctl.values import DRAWN_WIRING
 
 TABLE_MM = 400.0
