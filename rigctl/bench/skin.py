@@ -65,13 +65,14 @@ def _sense_contact(
     sensed: _Floats, table: _Table, mean: _Table, taxels: _Floats, log: _Floats, at: int, c: _Floats
 ) -> None:
     """Look up the conductance of all layers at every site; row ``at`` of ``log`` is the present."""
-    # Elements are read one by one: a view of a row costs two atomic operations.
     depths, size, n_layers = table.shape
     n_sites = sensed.size // n_layers
+    depth_mm, force_g = log[at, DEPTH_MM], log[at, FORCE_G]
+    cells_per_mm, gain = c[_DEPTH_CELLS], c[_TEXTURE]
     first = modulo(log[at, DRUM_MM] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
     for i in range(n_sites):
-        offset_mm = taxels[_OFFSET, i] + taxels[_GIVE, i] * log[at, FORCE_G]
-        cell = (log[at, DEPTH_MM] - offset_mm) * c[_DEPTH_CELLS]
+        offset_mm = taxels[_OFFSET, i] + taxels[_GIVE, i] * force_g
+        cell = (depth_mm - offset_mm) * cells_per_mm
         if cell <= 0.0:
             for layer in range(n_layers):
                 sensed[n_sites * layer + i] = 0.0
@@ -91,7 +92,7 @@ def _sense_contact(
             below = left + (right - left) * share
             level = mean[depth, layer] + (mean[depth + 1, layer] - mean[depth, layer]) * more
             texture = above + (below - above) * more - level
-            sensed[n_sites * layer + i] = max(0.0, level + c[_TEXTURE] * texture)
+            sensed[n_sites * layer + i] = max(0.0, level + gain * texture)
 
 
 @inlined
@@ -150,6 +151,7 @@ def _simulate(
     taxels, c, reading = uncounted(taxels), uncounted(c), uncounted(reading)
     n_taxels = reading.size
     n_sites = n_taxels // table.shape[2]
+    fast, slow, relax, rest = c[_FAST], c[_SLOW], c[_RELAX], c[_REST]
     sensed = np.zeros(n_taxels)
     for k in range(count):
         at = (first_ms + k) % RING_MS
@@ -163,14 +165,14 @@ def _simulate(
         else:
             sensed[:] = 0.0
         for i in range(n_taxels):
-            pressure[0, i] += (sensed[i] - pressure[0, i]) * c[_FAST]
-            pressure[1, i] += (pressure[0, i] - pressure[1, i]) * c[_SLOW]
+            soon = pressure[0, i] + (sensed[i] - pressure[0, i]) * fast
+            late = pressure[1, i] + (soon - pressure[1, i]) * slow
             if sensed[i] == 0.0:
-                for part in range(2):
-                    if pressure[part, i] < LASTING_PRESSURE:
-                        pressure[part, i] = 0.0
-            lasting = max(0.0, pressure[0, i] - c[_RELAX] * pressure[1, i])
-            conductances[at, reading[i]] = c[_REST] + taxels[_GAIN, i] * lasting
+                soon = 0.0 if soon < LASTING_PRESSURE else soon
+                late = 0.0 if late < LASTING_PRESSURE else late
+            pressure[0, i], pressure[1, i] = soon, late
+            lasting = max(0.0, soon - relax * late)
+            conductances[at, reading[i]] = rest + taxels[_GAIN, i] * lasting
 
 
 @compiled

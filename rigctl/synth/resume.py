@@ -98,7 +98,7 @@ class ResumedRecorder:
         self._recorder.begin_part(reason, texture)
 
     def _add_block(self, block: Block) -> None:
-        ordered = np.ascontiguousarray(block.samples[:, self._order])
+        ordered = block.samples.take(self._order, axis=1)
         self._recorder.add_block(replace(block, samples=ordered))
 
 

@@ -151,10 +151,11 @@ class TrialRecording:
     def _loadcell_samples(self, samples: Sequence[LoadcellSample]) -> Iterator[LoadcellSample]:
         """Yield the samples of this stretch, with the session's numbers and times."""
         first_us = (self._start_us + SEAM_US) * self._clock_rate
+        skipped_us = self._skipped_us * self._clock_rate
         for _, at_us, counts, force_g in samples:
             if at_us >= first_us:
                 self._conversions += 1
-                board_us = self._session_board_us(at_us)
+                board_us = math.floor(at_us - skipped_us)
                 yield LoadcellSample(self._conversions, board_us, counts, force_g)
 
 
