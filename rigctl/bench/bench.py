@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from functools import lru_cache
@@ -169,14 +170,18 @@ class Bench:
     def log_truth(self) -> None:
         """Append what the plant did since the last call to the ground truth."""
         self.skin.advance()
-        times_ms = np.arange(self.logged_ms, self.plant.time_ms + 1)
-        if times_ms.size == 1:
+        first_ms, n_rows = self.logged_ms, self.plant.time_ms - self.logged_ms
+        if not n_rows:
             return
-        rows = times_ms % RING_MS
-        drum_mm, force_g = self.plant.log[rows, DRUM_MM], self.plant.log[rows[1:], FORCE_G]
-        sync = np.full(times_ms.size - 1, self._logged_level, np.uint8)
+        begin = first_ms % RING_MS
+        if begin + n_rows < RING_MS:
+            rows = self.plant.log[begin : begin + n_rows + 1]
+        else:
+            rows = self.plant.log.take(range(begin, begin + n_rows + 1), axis=0, mode="wrap")
+        drum_mm, force_g = rows[:, DRUM_MM], rows[1:, FORCE_G]
+        sync = np.full(n_rows, self._logged_level, np.uint8)
         for at_us, level in self._sync_edges:
-            sync[times_ms[1:] * 1000 >= at_us] = level
+            sync[max(0, math.ceil(at_us / 1000) - first_ms - 1) :] = level
         self._logged_level = self.sync_level
         self._sync_edges.clear()
         self._truth.append((drum_mm[1:] - drum_mm[:-1]) * 1e3, force_g, sync)
