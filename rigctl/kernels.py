@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
+from llvmlite import ir
 from numba import njit
-from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -25,8 +24,8 @@ def inlined(function: F) -> F:
 
 def _emit_uncounted(_: object, array: Any) -> tuple[Any, Callable[..., Any]]:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        value = make_array(array)(context, builder, arguments[0])
-        value.meminfo = cgutils.get_null_value(value.meminfo.type)
+        value = context.make_array(array)(context, builder, arguments[0])
+        value.meminfo = ir.Constant(value.meminfo.type, None)
         return value._getvalue()
 
     return array(array), generate

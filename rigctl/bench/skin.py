@@ -118,10 +118,10 @@ def _slides_at(log: _Floats, ms: int) -> bool:
 @compiled
 def _slides(log: _Floats, first_ms: int, count: int) -> bool:
     """Return whether the drum slides under pressure in one of these milliseconds."""
-    for ms in range(first_ms, first_ms + count):
-        if _slides_at(log, ms):
-            return True
-    return False
+    ms, end_ms = first_ms, first_ms + count
+    while ms < end_ms and not _slides_at(log, ms):
+        ms += 1
+    return ms < end_ms
 
 
 @compiled

@@ -8,8 +8,6 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
 from rigctl.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.bench.boards.driver_board import DriverBoard
 from rigctl.bench.boards.drum_cosimulation import DrumCosimulation

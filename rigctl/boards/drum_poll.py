@@ -126,7 +126,9 @@ class PollDecoder:
             last = self._sequence
         newest = unwrap(last, wire, _U16)
         held, recent = min(LOADCELL_RECENT, newest - last), raw["loadcell_recent"]
-        counts = [(n, raw) for n, (raw, at_us) in ring.items() if self._is_current(at_us, newest_us)]
+        counts = [
+            (n, raw) for n, (raw, at_us) in ring.items() if self._is_current(at_us, newest_us)
+        ]
         counts += zip(range(newest - held + 1, newest + 1), recent[:held][::-1], strict=True)
         self.loadcell_lost += newest - last - len(counts)
         samples = self._timed(counts, last, newest, newest_us, self._turns(raw, now_us))

@@ -257,9 +257,7 @@ class Taxels:
         samples = block.samples.take(self._order, axis=1)
         if not self.array.pressure_raises:
             samples = np.uint16(self.array.full_scale) - samples
-        return Block(
-            block.counters, samples, block.flags, block.edges, block.gaps, block.arrived_s
-        )
+        return Block(block.counters, samples, block.flags, block.edges, block.gaps, block.arrived_s)
 
     def _count(self, decoded: Decoded) -> None:
         counters = self.counters

@@ -17,6 +17,7 @@ import json
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -25,7 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.session import layout
-from rigctl.session.hdf5_file import Hdf5File, hdf5_errors, read_attributes, read_text
+from rigctl.session.hdf5_file import (
+    Hdf5File,
+    hdf5_errors,
+    open_image,
+    read_attributes,
+    read_text,
+)
 from rigctl.session.layout import DIGESTS, TEXTS, Row
 from rigctl.session.part import PREVIOUS_DIGEST, PartReader, StructuredArray
 from rigctl.session.session_reader import SessionReader
@@ -55,17 +62,30 @@ def next_digest(
     return digest.hexdigest()
 
 
-def describe_part(file: Any) -> bytes:
+def describe_part(file: Any, data_sets: Mapping[str, Any] | None = None) -> bytes:
     """Return canonical JSON of all that an open part holds besides its rows.
 
     It has the root's attributes, both texts, and the type, the shape of a row and the attributes
-    of each data set that grows. Raises what h5py raises, and ValueError for other attributes.
+    of each data set that grows. ``data_sets``: as :func:`describe_data_sets` returns them, for
+    one whose data sets are known. Raises what h5py raises, and ValueError for other attributes.
     """
-    objects: dict[str, Any] = {}
-    file.visititems(lambda name, node: objects.update({f"/{name}": _describe(node)}))
+    objects = _describe_objects(file) if data_sets is None else data_sets
     texts = {path: read_text(file, path) for path, _ in TEXTS}
     described = {"attributes": read_attributes(file), "objects": objects, "texts": texts}
     return json.dumps(described, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
+
+
+@lru_cache(maxsize=4)
+def describe_data_sets(image: bytes) -> Mapping[str, Any]:
+    """Return what :func:`describe_part` holds of the data sets of an empty part."""
+    with open_image(image) as file:
+        return _describe_objects(file)
+
+
+def _describe_objects(file: Any) -> dict[str, Any]:
+    objects: dict[str, Any] = {}
+    file.visititems(lambda name, node: objects.update({f"/{name}": _describe(node)}))
+    return objects
 
 
 def _describe(node: Any) -> dict[str, Any]:

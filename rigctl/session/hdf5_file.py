@@ -17,6 +17,7 @@ from math import prod
 from mmap import mmap
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeVar
+from uuid import uuid4
 
 import h5py
 import numpy as np
@@ -442,6 +443,16 @@ def _shape_name(schema: DataSetSchema) -> str:
     if schema.tail is not None:
         axes[1:] = map(str, schema.tail)
     return f"({', '.join(axes)})"
+
+
+def open_image(image: bytes) -> h5py.File:
+    """Open a copy of a file's bytes in memory, to read and to change it."""
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_fapl_core(backing_store=False)
+    access.set_file_image(image)
+    access.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
+    # HDF5 knows files in memory by name, and two threads may each open one.
+    return h5py.File(h5py.h5f.open(f"image {uuid4()}".encode(), h5py.h5f.ACC_RDWR, access))
 
 
 def read_attributes(node: Any) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from functools import lru_cache
 from math import nan
 from operator import attrgetter
 from pathlib import Path
@@ -26,7 +27,13 @@ import numpy as np
 
 from rigctl.boards.drum_registers import STORED
 from rigctl.experiments import DRUM_EXPERIMENT
-from rigctl.session.hdf5_file import Attributes, parse_json, text_scalar, write_attributes
+from rigctl.session.hdf5_file import (
+    Attributes,
+    open_image,
+    parse_json,
+    text_scalar,
+    write_attributes,
+)
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
 LIBVER = ("v110", "v110")
@@ -143,16 +150,27 @@ class SessionLayout:
         return (*self.tables, DIGESTS) if self.has_digests else self.tables
 
 
-def build_empty_part(
-    layout: SessionLayout, attributes: Attributes, n_taxels: int, texts: tuple[str, str]
+def build_empty_part(data_sets: bytes, attributes: Attributes) -> bytes:
+    """Return a part with these :func:`empty_data_sets` and the attributes of its root."""
+    with open_image(data_sets) as file:
+        write_attributes(file, attributes)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+@lru_cache(maxsize=4)
+def empty_data_sets(
+    layout: SessionLayout, n_taxels: int, sample_unit: str, texts: tuple[str, str]
 ) -> bytes:
-    """Return a part with every data set empty. ``texts``: protocol and rig description."""
+    """Return every data set of a part, empty. ``texts``: protocol and rig description.
+
+    Kept, as the parts of a session differ in their attributes alone.
+    """
     # HDF5 knows files in memory by name, and two threads may each build one.
     name = f"new {uuid4()}"
     with h5py.File(name, "w", driver="core", backing_store=False, libver=LIBVER) as file:
-        write_attributes(file, attributes)
         for array in layout.arrays:
-            _create_array(file, array, n_taxels, str(attributes.get("sample_unit", "")))
+            _create_array(file, array, n_taxels, sample_unit)
         for table in layout.stored_tables:
             _create_table(file, table)
         for (path, doc), text in zip(TEXTS, texts, strict=True):

@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 
 from rigctl.errors import DiskFault
 from rigctl.session import layout
-from rigctl.session.digests import FIRST_DIGEST, DigestChain, describe_part
+from rigctl.session.digests import (
+    FIRST_DIGEST,
+    DigestChain,
+    describe_data_sets,
+    describe_part,
+)
 from rigctl.session.hdf5_file import Attributes, system_error
 from rigctl.session.header import SessionHeader
 from rigctl.session.layout import (
@@ -36,6 +41,7 @@ from rigctl.session.layout import (
     SessionOutcome,
     TableLayout,
     build_empty_part,
+    empty_data_sets,
     event_row,
 )
 from rigctl.session.part import PREVIOUS_DIGEST
@@ -130,7 +136,9 @@ class PartWriter:
         self._blocks: list[SampleBlock] = []
         self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.tables}
         self._uncovered: dict[str, list[NDArray[Any]]] = {}
-        _write_new(path, build_empty_part(layout, attributes, n_taxels, texts))
+        sample_unit = str(attributes.get("sample_unit", ""))
+        empty = empty_data_sets(layout, n_taxels, sample_unit, texts)
+        _write_new(path, build_empty_part(empty, attributes))
         self._file = h5py.File(
             _temporary_path(path), "r+", libver=LIBVER, rdcc_nbytes=CHUNK_CACHE_BYTES
         )
@@ -139,7 +147,9 @@ class PartWriter:
         self._datasets = {path: self._file[path] for path in paths}
         self._row_types = {path: dataset.dtype for path, dataset in self._datasets.items()}
         try:
-            described = describe_part(self._file) if layout.has_digests else b""
+            described = b""
+            if layout.has_digests:
+                described = describe_part(self._file, describe_data_sets(empty))
             self._digests = DigestChain(previous_digest, described)
             self._start()
         except BaseException:

@@ -137,7 +137,9 @@ def _compile_kernel(digest: str) -> Callable[..., Any]:
             _set_actuator_pins(integers, s[ROD], s[TIME_MS], scales, e)
             at_us = cell[NEXT_US]
             if at_us < end_ms * 1000.0:
-                integers[_DUE] = convert(cell, cell_constants, log, s[FORCE], cell_noise[conversion])
+                integers[_DUE] = convert(
+                    cell, cell_constants, log, s[FORCE], cell_noise[conversion]
+                )
                 conversion += 1
                 integers[_DUE_CYCLE] = int(at_us * 1e-3 * scales[CYCLES_PER_MS])
                 integers[_IN_STEP] = e[CELL_CLOCK_OPEN] == 0.0

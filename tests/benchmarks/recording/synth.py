@@ -16,6 +16,7 @@ from rigctl.synth.dataset import DatasetRequest, generate, load_plan
 from tests.engine.engine_harness import open_harness
 
 SEED = 1
+ROUNDS = 5
 START_UTC = "2026-01-02T03:04:05+00:00"
 TEXT = """
 name = "bench"
@@ -34,14 +35,14 @@ def measure() -> Iterator[dict[str, Any]]:
         protocol.write_text(TEXT)
         generation_time_s(protocol, folder / "warm")
         trial_s = sum(trial.duration_s for trial in load_plan(protocol, None, SEED).trials)
-        wall_s, core_s = generation_time_s(protocol, folder / "synth")
+        made = [generation_time_s(protocol, folder / f"synth-{i}") for i in range(ROUNDS)]
         with open_harness(folder, SEED) as harness:
             began_s, began_core_s = time.perf_counter(), time.process_time()
             harness.record(TEXT)
             rig_s, rig_core_s = time.perf_counter() - began_s, time.process_time() - began_core_s
             whole = harness.session
-        yield from _factors(trial_s, (wall_s, core_s), (rig_s, rig_core_s))
-        yield from _distances(folder / "synth", whole)
+        yield from _factors(trial_s, made, (rig_s, rig_core_s))
+        yield from _distances(folder / "synth-0", whole)
 
 
 def generation_time_s(protocol: Path, folder: Path) -> tuple[float, float]:
@@ -53,17 +54,19 @@ def generation_time_s(protocol: Path, folder: Path) -> tuple[float, float]:
 
 
 def _factors(
-    trial_s: float, synth: tuple[float, float], rig: tuple[float, float]
+    trial_s: float, made: list[tuple[float, float]], rig: tuple[float, float]
 ) -> Iterator[dict[str, Any]]:
-    wall, core = trial_s / synth[0], trial_s / synth[1]
+    wall, core = (trial_s / min(times) for times in zip(*made, strict=True))
+    slowest = trial_s / max(core_s for _, core_s in made)
     yield {
         "name": "synth.realtime_factor",
         "value": round(core, 1),
         "unit": "× trial time a processor second",
         "peer": "whole virtual rig, same protocol",
         "peer_value": round(trial_s / rig[1], 1),
-        "ratio": round(rig[1] / synth[1], 1),
-        "note": f"{trial_s:g} s of trials; by the wall {wall:.0f} × and "
+        "ratio": round(core * rig[1] / trial_s, 1),
+        "note": f"{trial_s:g} s of trials; best of {ROUNDS}, slowest {slowest:.0f} ×; by the wall "
+        f"{wall:.0f} × and "
         f"{trial_s / rig[0]:.1f} ×; approach, lift and moves are in the time, not in the trials",
     }
 
