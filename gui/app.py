@@ -6,6 +6,7 @@ Operate the rig, watch samples and spikes, run protocols.
 from __future__ import annotations
 
 import argparse
+import builtins
 import gc
 import os
 import signal
@@ -100,6 +101,9 @@ def check_display() -> None:
         from PySide6 import QtGui  # noqa: F401 - what fails without Qt's libraries
     except ImportError as error:
         raise WrongUse(_start_failure(str(error))) from None
+    # PySide reads the source of each module that is imported from now on, to find those that use
+    # its `__feature__`: a twentieth of the time until the window is there, and nothing here does.
+    builtins.__import__ = getattr(builtins, "__orig_import__", builtins.__import__)
     displays = (os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"))
     if sys.platform.startswith("linux") and not any(displays):
         raise WrongUse(

@@ -9,13 +9,15 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, QTimer, Signal
 
 from gui.analysis import worker_tasks
 from gui.widgets.background import Background
 
 WORKER_THREAD = "rigctl-worker"
 CLOSE_TIMEOUT_S = 10.0
+START_MS = 100
+"""A process starts this long after its first task: a window that opens is then on the screen."""
 ENDED = "the analysis process ended unexpectedly: try again"
 
 
@@ -45,10 +47,10 @@ class Worker(QObject):
 
     def submit(self, task: str, **args: Any) -> None:
         """Run a method of :class:`gui.analysis.worker_tasks.WorkerTasks` in the process."""
-        if self._process is None:
-            self._start()
         self._pending.append((task, args))
-        if len(self._pending) == 1:
+        if self._process is None:
+            QTimer.singleShot(START_MS, self, self._start)
+        elif len(self._pending) == 1:
             self._begin()
 
     def cancel(self) -> None:
@@ -95,11 +97,14 @@ class Worker(QObject):
             self.progressed.emit(stage, share)
 
     def _start(self) -> None:
+        if self._process is not None or not self._pending:
+            return
         context = multiprocessing.get_context("spawn")
         self._pipe, far_end = context.Pipe()
         self._process = context.Process(target=worker_tasks.serve, args=(far_end,), daemon=True)
         self._process.start()
         far_end.close()
+        self._begin()
 
 
 def _answer(

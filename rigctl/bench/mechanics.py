@@ -243,7 +243,7 @@ class Mechanics:
 
     @property
     def time_ms(self) -> int:
-        return int(self._state[TIME_MS])
+        return int(self._state.item(TIME_MS))
 
     @property
     def force_g(self) -> float:

@@ -299,7 +299,8 @@ class ModbusClient:
         """Run one exchange when the line is free and no stop is pending."""
         stops_before = self._stops_total
         while True:
-            await self._no_stop_pending.wait()
+            if self._stops_pending:
+                await self._no_stop_pending.wait()
             if self.silence.is_on:
                 raise LinkLost(self.silence.text)
             if (wait_s := self._quiet_from_s(request, request.count) - self._loop.time()) > 0.0:
