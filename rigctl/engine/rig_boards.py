@@ -260,7 +260,6 @@ class RigBoards:
         self._event_bus.publish("check" if found else "board", text, found=found)
 
     def _taxels_failed(self, fault: RigFault) -> None:
-        self.pipeline.flush()
         if isinstance(fault, BoardRebooted):
             self._event_bus.publish("link", str(fault), board=TAXELS)
         elif not isinstance(fault, LinkLost):

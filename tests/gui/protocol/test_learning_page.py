@@ -175,7 +175,7 @@ def test_a_process_that_dies_leaves_a_sentence(
     page = front(panel)
     show_run(harness, session, 72)
     link = panel.page.learning
-    wait_until(lambda: harness.update() or link.worker.is_busy)
+    wait_until(lambda: harness.update() or link.worker._process is not None)
     process = link.worker._process
     assert process is not None
     process.kill()
