@@ -56,7 +56,7 @@ class SetupPage(QWidget):
         self._setup = SetupStatus()
         self._obstacle = DRUM_LOST
         self._refusal, self._asked_id = "", 0
-        self._was_connected = self._is_simulated = self._had_fault = False
+        self._was_connected = self._is_simulated = self._had_fault = self._is_measuring = False
         self.list = QListWidget()
         self.list.setAccessibleName("Parts of the setup")
         self.list.currentRowChanged.connect(lambda _: self._show_part())
@@ -107,6 +107,7 @@ class SetupPage(QWidget):
         if status.drum_connected and not self._was_connected and self.isVisible():
             self.open()
         self._was_connected = status.drum_connected
+        self._is_measuring = bool(status.calibration.measuring)  # also while a part is kept
         before, self._setup = self._setup, status.setup
         if before != self._setup:
             self._show_list(before)
@@ -180,7 +181,7 @@ class SetupPage(QWidget):
 
     def _show_part(self) -> None:
         part, setup = self.part, self._setup
-        is_free = not self._obstacle and not setup.checking and bool(part.name)
+        is_free = not (self._obstacle or self._is_measuring or setup.checking) and bool(part.name)
         show_text(self.title, part.title or "Set a rig up")
         show_text(self.expected, f"Expected: {part.expected}" if part.expected else "")
         show_text(self.found, f"Found: {part.found}" if part.found else "")
