@@ -146,8 +146,7 @@ class LoadcellSample(NamedTuple):
     force_g: float
 
 
-@dataclass(frozen=True, slots=True)
-class DrumState:
+class DrumState(NamedTuple):
     """One poll of the drum in engineering units, with the loop time of the reply.
 
     ``values`` holds every register of the poll block by name, scaled; ``loadcell`` the new

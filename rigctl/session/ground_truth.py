@@ -426,7 +426,7 @@ def _new_sitting(folder: Path, start: Start) -> int:
     return own[0] if own else max([0, *sittings.values()]) + 1
 
 
-TRUTH_PERIOD_S = 2.0
+TRUTH_PERIOD_S = 5.0
 """Loop time from one write of the ground truth to the next."""
 
 
