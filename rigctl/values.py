@@ -146,7 +146,8 @@ class LoadcellSample(NamedTuple):
     force_g: float
 
 
-class DrumState(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class DrumState:
     """One poll of the drum in engineering units, with the loop time of the reply.
 
     ``values`` holds every register of the poll block by name, scaled; ``loadcell`` the new

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -129,7 +130,8 @@ class TrialRecording:
 
     def _in_session_time(self, poll: DrumState) -> DrumState:
         rise_us, fall_us = self._edges(poll)
-        return poll._replace(
+        return replace(
+            poll,
             at_s=self._session_s(poll.at_s * 1e6),
             board_time_us=self._session_board_us(poll.board_time_us),
             sync_rise_us=rise_us,
