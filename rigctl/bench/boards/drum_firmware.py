@@ -118,7 +118,10 @@ class DrumFirmware(FirmwareLibrary):
         self.call("receive", data, len(data), cycle)
 
     def take_sent(self) -> tuple[bytes, NDArray[np.int64]]:
-        """Return the bytes sent since the last call, and the cycle at which each was complete."""
+        """Return the bytes sent since the last call, and the cycle at which each was complete.
+
+        The cycles, int64 (n,), are the board's own memory, which its next run changes.
+        """
         count = self.io.tx_count
         self.io.tx_count = 0
         return self._sent[:count].tobytes(), self._sent_cycles[:count]
