@@ -26,8 +26,9 @@ from rigctl.values import HELD_SAMPLES, SAMPLE_RATE_HZ, Block
 
 REAL_TIME_BATCH_SAMPLES = 10
 """Samples per batch in real time: at most 10 ms of delay, a hundred batches a second."""
-FAST_BATCH_SAMPLES = 1000
-"""Samples per batch where simulated time is faster than real time: who needs the newest flushes."""
+FAST_BATCH_SAMPLES = 100
+"""Samples per batch where simulated time is faster than real time and no user can watch. A session
+has the arrival of each batch, by which its samples are placed in time."""
 MAX_QUEUED_SAMPLES = 30_000
 """Longest queue at a simulated bench; with more, its clock stops until the disk has caught up."""
 _CLOCK_PERIOD_SAMPLES = 50
