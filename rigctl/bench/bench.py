@@ -173,16 +173,12 @@ class Bench:
         first_ms, n_rows = self.logged_ms, self.plant.time_ms - self.logged_ms
         if not n_rows:
             return
-        begin = first_ms % RING_MS
-        if begin + n_rows < RING_MS:
-            rows = self.plant.log[begin : begin + n_rows + 1]
-        else:
-            rows = self.plant.log.take(range(begin, begin + n_rows + 1), axis=0, mode="wrap")
-        drum_mm, force_g = rows[:, DRUM_MM], rows[1:, FORCE_G]
+        ring = np.arange(first_ms, self.plant.time_ms + 1) % RING_MS
+        drum_mm, force_g = self.plant.log[ring, DRUM_MM], self.plant.log[ring[1:], FORCE_G]
         sync = np.full(n_rows, self._logged_level, np.uint8)
         for at_us, level in self._sync_edges:
             sync[max(0, math.ceil(at_us / 1000) - first_ms - 1) :] = level
         self._logged_level = self.sync_level
         self._sync_edges.clear()
-        self._truth.append((drum_mm[1:] - drum_mm[:-1]) * 1e3, force_g, sync)
+        self._truth.append(np.diff(drum_mm) * 1e3, force_g, sync)
         self.logged_ms = self.plant.time_ms
