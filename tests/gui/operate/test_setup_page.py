@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QApplication, QPushButton
 from gui.operate.part_picture import CellTrace, PartDrawing
 from gui.operate.setup_page import DRUM_LOST, SetupPage
 from gui.widgets.layouts import container, vbox
+from rigctl.engine.rpc.messages import EngineStatus
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import Harness, click
 
@@ -43,14 +44,18 @@ def press(rig: RigWindow, button: QPushButton) -> None:
 
 def check(rig: RigWindow, page: SetupPage, name: str) -> str:
     """Check a part, answer as the simulated bench does, and return its state."""
-    answers: list[str] = []
-    rig.window.engine_link.answered.connect(lambda command, _: answers.append(command))
+    answered: dict[str, EngineStatus] = {}
+    rig.window.engine_link.answered.connect(
+        lambda command, _: answered.setdefault(command, rig.status)
+    )
     choose(page, name)
     press(rig, page.check_button)
     done = page._asked_id
 
     def is_over() -> bool:
-        return "setup_check" in answers and not rig.status.setup.checking
+        """Return whether the check has ended, and a status has come since its answer."""
+        before = answered.get("setup_check")
+        return before not in (None, rig.status) and not rig.status.setup.checking
 
     while not is_over():
         rig.until(lambda done=done: is_over() or page._asked_id > done)

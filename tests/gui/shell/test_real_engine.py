@@ -119,6 +119,7 @@ def test_drum_jogs_by_mouse_and_keys_and_stops(window: MainWindow) -> None:
     wait_until(jog.buttons[1].isEnabled)
     QTest.keyClick(window, Qt.Key.Key_Right, Qt.KeyboardModifier.AltModifier)
     wait_until(lambda: moved(before) == 1)
+    _wait(window, State.ARMED)
     link.request("jog", mm=turn_steps * step_mm)
     wait_until(lambda: link.status.speed_mm_s > 100)
     press_escape(window)
