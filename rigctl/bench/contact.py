@@ -142,25 +142,47 @@ def force_table(
     tables: ContactTables, parameters: WorldParameters, mounting: Mounting
 ) -> ForceTable:
     """Return the contact force of a mounted plate, the frame's compliance included."""
-    depths = np.arange(N_DEPTHS, dtype=np.float64)
     total = np.zeros_like(tables.patch_force_g)
     row, column, share_of_patch = _patches(parameters, tables.shape)
     shifts = np.rint(_along_mm(parameters, mounting, row, column) / GRID_MM).astype(int)
     drops_mm = _drops_mm(parameters, mounting, row, column)
     n_sites = tables.shape[0] * tables.shape[1]
     offsets_mm = drops_mm - drops_mm[:n_sites].min()
-    for shift, offset_mm, part in zip(shifts, offsets_mm, share_of_patch, strict=True):
-        depth = np.maximum(depths - offset_mm / tables.cell_mm, 0.0)
-        low = np.minimum(depth.astype(int), N_DEPTHS - 2)
-        share = (depth - low).astype(np.float32)[:, None]
-        patch = tables.patch_force_g[low] * (1 - share) + tables.patch_force_g[low + 1] * share
-        total += np.float32(part) * np.roll(patch, -shift, axis=1)
+    shares = share_of_patch.astype(np.float32)
+    _add_patches(total, tables.patch_force_g, shifts, offsets_mm / tables.cell_mm, shares)
     total /= n_sites
     frame_mm_g = parameters.frame_share / parameters.stiffness_g_mm
     travel_mm = (N_DEPTHS - 1) * tables.cell_mm + MAX_FORCE_G * frame_mm_g
     cell_mm = travel_mm / (N_DEPTHS - 1)
     over_travel = _resample_over_travel(total, tables.cell_mm, frame_mm_g, cell_mm)
     return ForceTable(over_travel, cell_mm, frame_mm_g)
+
+
+@compiled
+def _add_patches(
+    total_g: _Table,
+    patch_force_g: _Table,
+    shifts: NDArray[np.int64],
+    offsets: _Floats,
+    shares: NDArray[np.float32],
+) -> None:
+    """Add the forces of all patches, each deeper by ``offsets`` rows and ``shifts`` columns on."""
+    depths, positions = total_g.shape
+    for depth in range(depths):
+        total = total_g[depth]
+        for patch in range(shifts.size):
+            deep = max(depth - offsets[patch], 0.0)
+            low = min(int(deep), depths - 2)
+            upper = np.float32(deep - low)
+            lower, part = np.float32(1.0) - upper, shares[patch]
+            first_column = shifts[patch] % positions
+            seam = positions - first_column
+            for begin, first, count in ((0, first_column, seam), (seam, 0, first_column)):
+                sums = total[begin : begin + count]
+                near = patch_force_g[low, first : first + count]
+                far = patch_force_g[low + 1, first : first + count]
+                for i in range(count):
+                    sums[i] += part * (near[i] * lower + far[i] * upper)
 
 
 @compiled
