@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -130,6 +131,7 @@ class _Numbered(NamedTuple):
 class DriverDecoder:
     """Decodes the stream of a driver as :class:`~rigctl.boards.taxel_decoder.FrameDecoder` does.
 
+    ``order``: the driver's column of each taxel, its own number where left out.
     A gap of more than a second, or a counter that runs back, is that of a reboot, unless the time
     that passed explains it. What a driver raises or returns wrongly raises LinkLost, which names
     it: what is recorded stays, and the next connection begins with a new object.
@@ -137,8 +139,9 @@ class DriverDecoder:
 
     waiting = False
 
-    def __init__(self, driver: SensorDriver) -> None:
+    def __init__(self, driver: SensorDriver, order: Sequence[int] | None = None) -> None:
         self._driver = driver
+        self._order = list(range(driver.create.n_taxels) if order is None else order)
         self._last: int | None = None
         self._last_s = 0.0
         self._rises = 0
@@ -159,7 +162,7 @@ class DriverDecoder:
             self._check(found)
         numbered = self._number(found.counters.tolist(), at_s)
         flags, edges = self._signals(found, numbered.rows)
-        samples = found.samples[numbered.rows]
+        samples = found.samples[numbered.rows].take(self._order, axis=1)
         blocks = tuple(
             Block(
                 np.array(numbered.counters[first:end], np.int64),

@@ -17,6 +17,7 @@ those after it, until the next status.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -226,10 +227,10 @@ def is_second_behind(state: Ints, kind: int, counter: Any) -> bool:
 
 
 @inlined
-def unpack_samples(body: Bytes, samples: NDArray[np.uint16], row: int) -> None:
-    """Unpack 10 bit a taxel, LSB first; ``samples`` has as many columns as the frame readings."""
+def unpack_samples(body: Bytes, samples: NDArray[np.uint16], row: int, order: Ints) -> None:
+    """Unpack 10 bit a taxel, LSB first, into the columns of ``samples`` that ``order`` names."""
     for i in range(samples.shape[1]):
-        samples[row, i] = bits_at(body, READING_BITS * i) & np.uint32(0x3FF)
+        samples[row, i] = bits_at(body, READING_BITS * order[i]) & np.uint32(0x3FF)
 
 
 @inlined
@@ -252,17 +253,19 @@ def decode_wire(
     counts: Ints,
     body: Bytes,
     data_body: int,
+    order: Ints,
 ) -> None:
     """Decode every complete chunk of ``wire``, its first ``counts[USED]`` bytes.
 
     ``body``: memory for the longest frame. ``data_body``: bytes in the body of a data frame.
-    ``marks``, uint8 (2, n): flags, edge counts. ``notes``, int64 (n, 5): row, first lost
-    counter, count, frames that the board reports as dropped; column 4: first row of each boot.
+    ``order``: the reading in each column of ``samples``. ``marks``, uint8 (2, n): flags, edge
+    counts. ``notes``, int64 (n, 5): row, first lost counter, count, frames that the board reports
+    as dropped; column 4: first row of each boot.
     """
     wire, state = uncounted(wire), uncounted(state)
     counts, body = uncounted(counts), uncounted(body)
     counters, samples, marks = uncounted(counters), uncounted(samples), uncounted(marks)
-    notes, controls = uncounted(notes), uncounted(controls)
+    notes, controls, order = uncounted(notes), uncounted(controls), uncounted(order)
     counts[:] = 0
     for end in range(wire.shape[0]):
         if wire[end] != 0:
@@ -272,7 +275,7 @@ def decode_wire(
         count_rejected(state, counts, end - start, frame_length(kind, data_body))
         counts[USED] = end + 1
         if kind == DATA and not state[WAITING]:
-            append_sample(body, state, counters, samples, marks, notes, counts)
+            append_sample(body, state, counters, samples, marks, notes, counts, order)
         elif kind in (STATUS, IDENTITY, SELF_TEST_OUTCOME):
             controls[counts[N_CONTROLS]] = body
             counts[N_CONTROLS] += 1
@@ -293,6 +296,7 @@ def append_sample(
     marks: Bytes,
     notes: Ints,
     counts: Ints,
+    order: Ints,
 ) -> None:
     """Append a data frame as the next row, after a gap, unless it is late or doubtful."""
     row = counts[N_ROWS]
@@ -306,7 +310,7 @@ def append_sample(
         state[WAITING] = DOUBTING
         return
     counters[row] = counter
-    unpack_samples(body, samples, row)
+    unpack_samples(body, samples, row, order)
     marks[0, row] = body[3]
     marks[1, row] = bits_at(body, READING_BITS * samples.shape[1]) & np.uint32(0xF)
     record_gap(state, counter, np.int64(body[3] >> 4), notes, counts)
@@ -380,13 +384,15 @@ class Decoded(NamedTuple):
 class FrameDecoder:
     """Decodes the byte stream of a board with ``n_taxels``, in slices of any length.
 
+    ``order``: the reading of each taxel on the wire, its own number where left out.
     Call :meth:`resync` to join a running stream: a data frame holds only the low 16 bits of the
     sample counter, a status frame all of them.
     """
 
-    def __init__(self, n_taxels: int) -> None:
+    def __init__(self, n_taxels: int, order: Sequence[int] | None = None) -> None:
         self._tail = b""
         self._n_taxels = n_taxels
+        self._order = np.array(range(n_taxels) if order is None else order, np.int64)
         self._data_body = data_body(n_taxels)
         bodies = self._data_body, *(body for _, body in CONTROLS)
         self._min_chunk = min(bodies) + OVERHEAD + 1
@@ -436,6 +442,7 @@ class FrameDecoder:
             self._counts,
             self._body,
             self._data_body,
+            self._order,
         )
         rows, gaps, controls, reboots, frames, bytes_, used, stale = self._counts.tolist()
         self._set_tail(wire, used)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,7 +92,7 @@ class Taxels:
         self._loop = loop
         self._diagnose_port = diagnose_port
         self._driver = driver
-        self._decoder = _decoder(self.array.count, driver)
+        self._decoder = _decoder(self.array, driver)
         self._request = encode_request(IDENTIFY) if driver is None else driver.create.request
         self._boot_count: int | None = None
         self._identified: asyncio.Future[BoardIdentity] | None = None
@@ -102,7 +102,6 @@ class Taxels:
         self._blocks: Consumers[Block] = Consumers(self._report_consumer)
         self._on_fault: list[OnFault] = []
         self._on_self_test: list[OnSelfTest] = []
-        self._order = np.array(self.array.order, np.intp)
 
     @property
     def connected(self) -> bool:
@@ -239,7 +238,7 @@ class Taxels:
                 BoardRebooted(f"{name}: the taxel board restarted: its counters began again")
             )
         for block in decoded.blocks:
-            self._blocks.publish(self._reorder(block))
+            self._blocks.publish(block if self.array.pressure_raises else self._inverted(block))
 
     def _identify(self, identified: asyncio.Future[BoardIdentity], decoded: Decoded) -> None:
         """Tell who waits for it; what stands for that of a driver's board comes with a sample."""
@@ -252,12 +251,9 @@ class Taxels:
             except WrongBoard as refusal:
                 identified.set_exception(refusal)
 
-    def _reorder(self, block: Block) -> Block:
-        """Return the block in the sensor's order and polarity: pressure raises a sample."""
-        samples = block.samples.take(self._order, axis=1)
-        if not self.array.pressure_raises:
-            samples = np.uint16(self.array.full_scale) - samples
-        return Block(block.counters, samples, block.flags, block.edges, block.gaps, block.arrived_s)
+    def _inverted(self, block: Block) -> Block:
+        """Return the block of a sensor that reads lower when pressed with the usual polarity."""
+        return replace(block, samples=np.uint16(self.array.full_scale) - block.samples)
 
     def _count(self, decoded: Decoded) -> None:
         counters = self.counters
@@ -292,13 +288,13 @@ class Taxels:
         self._lose(f"{name}: no taxel sample for {LINK_TIMEOUT_S:g} s: check the cable")
 
 
-def _decoder(n_taxels: int, driver: SensorDriver | None) -> FrameDecoder | DriverDecoder:
+def _decoder(array: TaxelArray, driver: SensorDriver | None) -> FrameDecoder | DriverDecoder:
     """Return what decodes the stream."""
     # Numba takes long to load: only who decodes waits, not a window that opens.
     if driver is None:
         from rigctl.boards.taxel_decoder import FrameDecoder
 
-        return FrameDecoder(n_taxels)
+        return FrameDecoder(array.count, array.order)
     from rigctl.boards.sensor_driver import DriverDecoder
 
-    return DriverDecoder(driver)
+    return DriverDecoder(driver, array.order)
