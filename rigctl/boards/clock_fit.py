@@ -2,7 +2,7 @@
 
 A board's resonator is off by up to half a percent. Each poll, and each block, pairs a board
 time with the loop time at which it arrived. Arrivals are late at random and never early, so the
-fit drops the few points far from the line and repeats.
+fit drops the few points far from the line and repeats, until they are the same.
 """
 
 from __future__ import annotations
@@ -118,9 +118,11 @@ def fit_clock(board_s: NDArray[np.float64], loop_s: NDArray[np.float64]) -> Cloc
     inliers = np.ones(len(loop), dtype=bool)
     for _ in range(_PASSES):
         line, residual = _fit_line(loop, gained, inliers)
-        inliers = np.abs(residual) <= _INLIER_SIGMAS * line.sigma
+        before, inliers = inliers, np.abs(residual) <= _INLIER_SIGMAS * line.sigma
         if inliers.sum() < 3 or line.spread <= 0:
             return None
+        if np.array_equal(inliers, before):
+            break
     error = line.sigma / (line.spread * np.sqrt(inliers.sum()))
     return ClockEstimate(line.slope * 1e6, float(error * 1e6), float(np.ptp(loop_s)))
 
