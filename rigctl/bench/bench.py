@@ -21,7 +21,7 @@ from rigctl.bench.contact import (
 )
 from rigctl.bench.ground_truth import GroundTruth
 from rigctl.bench.load_cell import LoadCellAmplifier
-from rigctl.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, DrumTrajectory, Mechanics
+from rigctl.bench.mechanics import DrumTrajectory, Mechanics
 from rigctl.bench.parameters import WorldParameters, validated
 from rigctl.bench.simulated_rig import Disturbances
 from rigctl.bench.skin import Skin
@@ -173,12 +173,10 @@ class Bench:
         first_ms, n_rows = self.logged_ms, self.plant.time_ms - self.logged_ms
         if not n_rows:
             return
-        ring = np.arange(first_ms, self.plant.time_ms + 1) % RING_MS
-        drum_mm, force_g = self.plant.log[ring, DRUM_MM], self.plant.log[ring[1:], FORCE_G]
         sync = np.full(n_rows, self._logged_level, np.uint8)
         for at_us, level in self._sync_edges:
             sync[max(0, math.ceil(at_us / 1000) - first_ms - 1) :] = level
         self._logged_level = self.sync_level
         self._sync_edges.clear()
-        self._truth.append(np.diff(drum_mm) * 1e3, force_g, sync)
+        self._truth.append(*self.plant.motion_since(first_ms), sync)
         self.logged_ms = self.plant.time_ms

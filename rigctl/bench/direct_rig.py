@@ -61,7 +61,7 @@ class DirectRig:
         self._command_sequence = self._samples_taken = 0
         self._decoder = PollDecoder()
         self._polls: list[DrumState] = []
-        self._ring: dict[int, RingSample] = {}
+        self._ring: list[RingSample] = []
         self._decode(self._firmware.read(*POLL_BLOCK), 0)
 
     @property
@@ -145,17 +145,17 @@ class DirectRig:
     def _collect(self) -> None:
         """Collect the conversions and polls of the last run."""
         cycles, counts = self._drum.conversions()
-        samples = zip(counts.tolist(), self._drum.board_us(cycles).tolist(), strict=True)
-        first, self._samples_taken = self._samples_taken + 1, self._samples_taken + len(counts)
-        self._ring |= zip(range(first, self._samples_taken + 1), samples, strict=True)
+        self._samples_taken += len(counts)
+        self._ring += zip(counts.tolist(), self._drum.board_us(cycles).tolist(), strict=True)
         words, at_ms = self._drum.polls()
         self._polls += map(self._decode, words.tolist(), at_ms.tolist())
-        for number in list(self._ring)[:-RING_DEPTH]:
-            del self._ring[number]
+        del self._ring[:-RING_DEPTH]
 
     def _decode(self, words: list[int], at_ms: int) -> DrumState:
         raw = PollDecoder.layout.unpack(words)
-        ring = {n: self._ring[n] for n in self._decoder.missing(raw) if n in self._ring}
+        oldest = self._samples_taken - len(self._ring) + 1
+        held = range(oldest, self._samples_taken + 1)
+        ring = {n: self._ring[n - oldest] for n in self._decoder.missing(raw) if n in held}
         return self._decoder.decode(raw, at_ms * 1e-3, ring)
 
 

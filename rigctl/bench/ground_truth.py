@@ -45,14 +45,13 @@ class GroundTruth:
 
     def append(
         self,
-        speed_mm_s: NDArray[np.floating],
-        force_g: NDArray[np.floating],
-        sync: NDArray[np.integer],
+        speed_mm_s: NDArray[np.float32],
+        force_g: NDArray[np.float32],
+        sync: NDArray[np.uint8],
     ) -> None:
-        """Append the next milliseconds; the arrays are copied."""
-        columns = speed_mm_s.astype(np.float32), force_g.astype(np.float32), sync.astype(np.uint8)
-        self._chunks.append(columns)
-        self.n_rows += len(columns[2])
+        """Append the next milliseconds; the arrays are kept as they are."""
+        self._chunks.append((speed_mm_s, force_g, sync))
+        self.n_rows += len(sync)
         while self.n_rows - len(self._chunks[0][2]) >= KEPT_MS:
             self._drop(len(self._chunks.popleft()[2]))
 

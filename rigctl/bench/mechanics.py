@@ -38,6 +38,7 @@ _C_CONTACT, _C_TRAVEL_CELLS, _C_FRAME, _C_IMBALANCE, _C_MASS, _C_DRAG = range(12
 
 _Floats = NDArray[np.float64]
 _Table = NDArray[np.floating[Any]]
+_Rows = NDArray[np.float32]
 MechanicsArrays = tuple[_Floats, _Floats, _Floats, _Table]
 """State, constants, ring and force table; compiled code passes them to :func:`step_millisecond`."""
 CELLS_PER_MM = 1.0 / GRID_MM
@@ -187,6 +188,15 @@ def _advance(
         step_millisecond(s, c, log, force_table, nominal_mm, drive)
 
 
+@compiled
+def _read_motion(log: _Floats, first_ms: int, speed_mm_s: _Rows, force_g: _Rows) -> None:
+    """Read the mean speed of each millisecond from ``first_ms`` on, and the force at its end."""
+    for row in range(force_g.size):
+        before, at = (first_ms + row) % RING_MS, (first_ms + row + 1) % RING_MS
+        speed_mm_s[row] = (log[at, DRUM_MM] - log[before, DRUM_MM]) * 1e3
+        force_g[row] = log[at, FORCE_G]
+
+
 class Mechanics:
     """The mechanics of one bench.
 
@@ -209,6 +219,15 @@ class Mechanics:
         """Run with a constant drive (duty −1 … 1, positive presses) and a drum trajectory."""
         # Floats only: another type would make numba compile the kernel again during a run.
         _advance(self.arrays, *trajectory, drive, until_ms)
+
+    def motion_since(self, first_ms: int) -> tuple[_Rows, _Rows]:
+        """Return speed of the surface and contact force in each millisecond from a time on.
+
+        float32 (n,) each: mm/s in the mean, and g at the end; at most ``RING_MS`` ago.
+        """
+        speed_mm_s, force_g = np.empty((2, self.time_ms - first_ms), np.float32)
+        _read_motion(self.log, first_ms, speed_mm_s, force_g)
+        return speed_mm_s, force_g
 
     def set_rod(self, rod_mm: float) -> None:
         """Put the actuator at a travel from its upper end immediately, as no motor could."""

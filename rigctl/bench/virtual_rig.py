@@ -54,6 +54,7 @@ def compile_kernels(sensor: TaxelArray = PAPER_ARRAY, driver: SensorDriver | Non
     """
     rig = open_virtual_rig(sensor=sensor, driver=driver)
     rig.advance(WARM_UP_US)
+    rig.truth.take()
     rig.close()
 
 
