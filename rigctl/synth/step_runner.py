@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -136,7 +136,7 @@ class TrialRecording:
             board_time_us=self._session_board_us(poll.board_time_us),
             sync_rise_us=rise_us,
             sync_fall_us=fall_us,
-            loadcell=tuple(self._loadcell_samples(poll.loadcell)),
+            loadcell=self._loadcell_samples(poll.loadcell),
             loadcell_lost=0,
             values={},
         )
@@ -148,15 +148,16 @@ class TrialRecording:
                 self._edges_us[index] = self._session_board_us(at_us)
         return self._edges_us
 
-    def _loadcell_samples(self, samples: Sequence[LoadcellSample]) -> Iterator[LoadcellSample]:
-        """Yield the samples of this stretch, with the session's numbers and times."""
+    def _loadcell_samples(self, samples: Sequence[LoadcellSample]) -> tuple[LoadcellSample, ...]:
+        """Return the samples of this stretch, with the session's numbers and times."""
         first_us = (self._start_us + SEAM_US) * self._clock_rate
         skipped_us = self._skipped_us * self._clock_rate
-        for _, at_us, counts, force_g in samples:
-            if at_us >= first_us:
-                self._conversions += 1
-                board_us = math.floor(at_us - skipped_us)
-                yield LoadcellSample(self._conversions, board_us, counts, force_g)
+        taken = [sample for sample in samples if sample.board_time_us >= first_us]
+        first, self._conversions = self._conversions + 1, self._conversions + len(taken)
+        return tuple(
+            LoadcellSample(number, math.floor(at_us - skipped_us), counts, force_g)
+            for number, (_, at_us, counts, force_g) in enumerate(taken, first)
+        )
 
 
 MAX_STEP_US = 700_000
