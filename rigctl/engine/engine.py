@@ -16,7 +16,7 @@ from rigctl.engine.early_end import EarlyEndProcess
 from rigctl.engine.health import TAXELS, HeartbeatGate, LineMonitor
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.manual_recorder import ManualRecorder
-from rigctl.engine.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
+from rigctl.engine.pipeline import FAST, REAL_TIME
 from rigctl.engine.rig import Rig
 from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import (
@@ -61,7 +61,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.heartbeat_gate.is_open,
             self._link_changed,
             self._samples_failed,
-            REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
+            REAL_TIME if real_time else FAST,
         )
         self.manual = ManualRecorder(self.boards, self.event_bus, self._begin_beside)
         self.calibration = Calibration(rig, self.boards, self._today)

@@ -1,8 +1,9 @@
 """The sample pipeline: every taxel sample, once, from the driver to recorder, encoder and views.
 
 Blocks arrive every few milliseconds. The pipeline merges them into batches, so that the cost per
-second does not depend on the driver's block size. Each batch is, in this order: recorded, searched
-for the sync line's rise, encoded, shown. The encoder resets at each rise and after each gap of more
+second does not depend on the driver's block size. Each batch is recorded; where nobody can watch,
+several are one for what follows: the search for the sync line's rise, the encoder, the subscribers
+and the live file, in this order. The encoder resets at each rise and after each gap of more
 than three samples; shorter ones it fills with the sample before. Offline it does the same, so live
 and offline spikes of a trial are equal.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +26,21 @@ from rigctl.engine.trial_cutter import TrialCutter
 from rigctl.session.recorder import Recorder
 from rigctl.values import HELD_SAMPLES, SAMPLE_RATE_HZ, Block
 
-REAL_TIME_BATCH_SAMPLES = 10
-"""Samples per batch in real time: at most 10 ms of delay, a hundred batches a second."""
-FAST_BATCH_SAMPLES = 100
-"""Samples per batch where simulated time is faster than real time and no user can watch. A session
-has the arrival of each batch, by which its samples are placed in time."""
+
+class Batching(NamedTuple):
+    """How samples are gathered: ``samples`` are recorded together, ``batches`` of them encoded.
+
+    A session has the arrival of each batch, by which its samples are placed in time.
+    """
+
+    samples: int
+    batches: int
+
+
+REAL_TIME = Batching(10, 1)
+"""At most 10 ms of delay, a hundred batches a second."""
+FAST = Batching(100, 10)
+"""Where simulated time is faster than real time and no user can watch."""
 MAX_QUEUED_SAMPLES = 30_000
 """Longest queue at a simulated bench; with more, its clock stops until the disk has caught up."""
 _CLOCK_PERIOD_SAMPLES = 50
@@ -41,8 +53,7 @@ class SamplePipeline:
     """The consumer of the taxel driver's blocks; all calls are in the loop's thread.
 
     ``waits_for_disk``: the loop's clock stops while this process works, so waiting for the disk
-    costs nothing and no sample need be dropped. ``batch_samples``: samples per batch.
-    ``full_scale``: the highest reading.
+    costs nothing and no sample need be dropped. ``full_scale``: the highest reading.
     """
 
     def __init__(
@@ -51,7 +62,7 @@ class SamplePipeline:
         live_writer: LiveWriter,
         *,
         waits_for_disk: bool,
-        batch_samples: int = REAL_TIME_BATCH_SAMPLES,
+        batching: Batching = REAL_TIME,
         full_scale: int = ADC_MAX,
     ) -> None:
         self.trial_cutter = TrialCutter(full_scale)
@@ -64,10 +75,11 @@ class SamplePipeline:
         self.last_gap_s: float | None = None
         self._live_writer = live_writer
         self._waits_for_disk = waits_for_disk
-        self._batch_samples = batch_samples
+        self._batching = batching
         self._recorder: Recorder | None = None
         self._pending: list[Block] = []
         self._pending_samples = 0
+        self._recorded: list[Block] = []
         self._newest_counter = -1
         self._next_counter: int | None = None
         self._last_sample: NDArray[np.uint16] | None = None
@@ -83,14 +95,15 @@ class SamplePipeline:
         self._count(block)
         self._pending.append(block)
         self._pending_samples += len(block)
-        if self._pending_samples >= self._batch_samples:
-            self.flush()
+        if self._pending_samples >= self._batching.samples:
+            self._record()
+            if len(self._recorded) >= self._batching.batches:
+                self._process_recorded()
 
     def flush(self) -> None:
         """Process the pending blocks; call it before any code that must see all samples."""
-        blocks, self._pending, self._pending_samples = self._pending, [], 0
-        for block in _merge(blocks):
-            self._process(block)
+        self._record()
+        self._process_recorded()
 
     def set_recorder(self, recorder: Recorder | None) -> None:
         """Record from the next sample on, or stop recording where it is None."""
@@ -112,11 +125,25 @@ class SamplePipeline:
         self.flush()
         self._subscribers.remove(subscriber)
 
+    def _record(self) -> None:
+        """Record the pending blocks as one batch."""
+        blocks, self._pending, self._pending_samples = self._pending, [], 0
+        for block in _merge(blocks):
+            self._recorded.append(block)
+            if self._recorder is None:
+                continue
+            self._recorder.add_block(block)
+            if self._waits_for_disk and self._recorder.queue_samples > MAX_QUEUED_SAMPLES:
+                self._recorder.wait_written()
+
+    def _process_recorded(self) -> None:
+        blocks, self._recorded = self._recorded, []
+        for block in _merge(blocks):
+            self._process(block)
+
     def _process(self, block: Block) -> None:
         if self._next_counter is not None and block.counters[0] < self._next_counter:
             self._reset()
-        if self._recorder is not None:
-            self._record(self._recorder, block)
         starts = self.trial_cutter.add_block(block)
         spikes = self._encode(block, starts)
         self.trial_cutter.add_spikes(block, spikes)
@@ -151,11 +178,6 @@ class SamplePipeline:
         if self._samples_since_clock >= _CLOCK_PERIOD_SAMPLES:
             self._samples_since_clock = 0
             self.clock_fit.add(newest * _SAMPLE_S, block.arrived_s)
-
-    def _record(self, recorder: Recorder, block: Block) -> None:
-        recorder.add_block(block)
-        if self._waits_for_disk and recorder.queue_samples > MAX_QUEUED_SAMPLES:
-            recorder.wait_written()
 
     def _encode(self, block: Block, starts: list[int]) -> NDArray[np.uint8]:
         resets = self._reset_rows(block, starts)

@@ -25,7 +25,7 @@ from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import DRUM, TAXELS, BoardHealth
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.motion import DrumMotion
-from rigctl.engine.pipeline import SamplePipeline
+from rigctl.engine.pipeline import Batching, SamplePipeline
 from rigctl.engine.poller import RECONNECT_PERIOD_S, DrumPoller
 from rigctl.engine.rig import Rig
 from rigctl.engine.setup.boards import installed_build
@@ -86,8 +86,7 @@ class RigBoards:
     """The drum with its poller and motion; the taxels with their pipeline, encoder and live data.
 
     ``on_link()`` is called when a board is lost or back, ``on_failure`` when samples cannot be
-    processed any more. ``spawn`` starts a task. ``batch_samples``: see
-    :class:`SamplePipeline`.
+    processed any more. ``spawn`` starts a task.
     """
 
     def __init__(
@@ -99,7 +98,7 @@ class RigBoards:
         allows_heartbeat: Callable[[], bool],
         on_link: Callable[[], None],
         on_failure: Callable[[RigFault], None],
-        batch_samples: int,
+        batching: Batching,
     ) -> None:
         self.taxels = rig.taxels
         self.taxels_connected = False
@@ -114,7 +113,7 @@ class RigBoards:
             self.encoder,
             live_writer,
             waits_for_disk=rig.simulated,
-            batch_samples=batch_samples,
+            batching=batching,
             full_scale=rig.config.taxels.full_scale,
         )
         self._rig = rig

@@ -159,8 +159,8 @@ class TrialCutter:
         if not self._is_lifted or self._expected_samples is None or self.trial is not None:
             return
         self._lifted = self._lifted or TrialSums(block.samples.shape[1], self._full_scale)
-        if self._lifted.n < BASELINE_SAMPLES:
-            self._lifted.add(block.samples)
+        if missing := BASELINE_SAMPLES - self._lifted.n:
+            self._lifted.add(block.samples[:missing])
 
     def add_spikes(self, block: Block, spikes: NDArray[np.uint8]) -> None:
         """Add the spikes of a block that was added, uint8 (n, 2·n_taxels).
@@ -178,8 +178,13 @@ class TrialCutter:
             return
         before = max(trial.newest_counter, trial.first_counter - 1)
         trial.start_lost |= before < trial.first_counter < int(counters[0])
-        within = np.minimum(counters, trial.first_counter + trial.n_samples)
-        trial.longest_gap = max(trial.longest_gap, int(np.diff(within, prepend=before).max()) - 1)
+        end = trial.first_counter + trial.n_samples
+        if int(counters[-1]) - int(counters[0]) == len(counters) - 1:  # almost always
+            lost = min(int(counters[0]), end) - before - 1
+        else:
+            within = np.minimum(counters, end)
+            lost = int(np.diff(within, prepend=before).max()) - 1
+        trial.longest_gap = max(trial.longest_gap, lost)
 
 
 def _count(flags: NDArray[np.uint8], flag: Flag) -> int:

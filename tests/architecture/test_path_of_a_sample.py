@@ -25,7 +25,7 @@ from rigctl.boards.taxels import Taxels
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.engine.live_file import LiveReader, LiveWriter
-from rigctl.engine.pipeline import SamplePipeline
+from rigctl.engine.pipeline import Batching, SamplePipeline
 from rigctl.session.sensor_layout import PAPER_SENSOR
 from rigctl.values import Block
 from tests.architecture.imports import CHECKOUT
@@ -147,7 +147,7 @@ def draw(path: Path) -> None:
 async def test_a_sample_passes_few_modules(tmp_path: Path, qapp: object, profile: Profile) -> None:
     live = LiveWriter(tmp_path / "live.ring", 18)
     encoder = Encoder(Normalisation.full_scale(18))
-    pipeline = SamplePipeline(encoder, live, waits_for_disk=False, batch_samples=N)
+    pipeline = SamplePipeline(encoder, live, waits_for_disk=False, batching=Batching(N, 1))
     await record(tmp_path / "session", pipeline)
     draw(live.path)
     live.close()

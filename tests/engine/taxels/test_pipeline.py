@@ -15,8 +15,12 @@ from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT
 from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.engine.live_file import LiveReader, LiveWriter
-from rigctl.engine.pipeline import SamplePipeline
+from rigctl.engine.pipeline import FAST, REAL_TIME, Batching, SamplePipeline
+from rigctl.session.data_quality import BASELINE_SAMPLES
+from rigctl.session.layout import ARRIVALS
+from rigctl.session.session import Session
 from rigctl.values import DRAWN_WIRING, Block, Gap
+from tests.session.building import recorder
 
 N = 1200
 RISES = (300, 700)
@@ -61,8 +65,10 @@ def encoder() -> Encoder:
     return Encoder(Normalisation.full_scale(18))
 
 
-def run_pipeline(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline, np.ndarray]:
-    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
+def run_pipeline(
+    live: LiveWriter, block: Block, length: int, batching: Batching = REAL_TIME
+) -> tuple[SamplePipeline, np.ndarray]:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False, batching=batching)
     for piece in pieces(block, length):
         pipeline.add_block(piece)
     pipeline.flush()
@@ -79,14 +85,35 @@ def offline(block: Block, starts: list[int]) -> np.ndarray:
     return np.concatenate([encoder().encode(block.samples[a:b]) for a, b in pairwise(bounds)])
 
 
+@pytest.mark.parametrize("batching", [REAL_TIME, FAST])
 @pytest.mark.parametrize("length", [1, 5, 7, 20, 33, 1200])
-def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, length: int) -> None:
+def test_live_spikes_equal_offline_spikes_from_each_rise(
+    live: LiveWriter, length: int, batching: Batching
+) -> None:
     block = touch()
-    pipeline, spikes = run_pipeline(live, block, length)
+    pipeline, spikes = run_pipeline(live, block, length, batching)
     expected = offline(block, [frame + 1 for frame in RISES])
     assert np.array_equal(spikes, expected)
     assert expected.sum() > 100
     assert pipeline.sample_count == N
+
+
+def test_a_fast_rig_is_recorded_by_tenths_of_a_second_and_encoded_by_seconds(
+    live: LiveWriter, tmp_path: Path
+) -> None:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False, batching=FAST)
+    with recorder(tmp_path / "session") as session:
+        session.begin_part("start", "A")
+        pipeline.set_recorder(session)
+        encoded = []
+        pipeline.subscribe(lambda block: encoded.append(len(block)))
+        for piece in pieces(touch(), 20):
+            pipeline.add_block(piece)
+        pipeline.set_recorder(None)
+    with Session.open(tmp_path / "session") as recorded:
+        rows = recorded.parts[0].rows(ARRIVALS)["first_row"]
+    assert rows.tolist() == list(range(0, N, 100))
+    assert encoded == [1000, 200]
 
 
 @pytest.mark.parametrize("length", [1, 20, 1200])
@@ -170,3 +197,18 @@ def test_a_reboot_of_the_board_resets_the_pipeline(live: LiveWriter) -> None:
     pipeline.flush()
     assert pipeline.sample_count == N + 40
     assert pipeline.trial_cutter.trial is None
+
+
+@pytest.mark.parametrize("batching", [REAL_TIME, FAST])
+def test_a_baseline_is_of_the_first_readings_after_the_lift(
+    live: LiveWriter, batching: Batching
+) -> None:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False, batching=batching)
+    block = touch(n=300)
+    pipeline.trial_cutter.expect(1000)
+    for piece in pieces(block, 20):
+        pipeline.add_block(piece)
+    pipeline.flush()
+    baseline = pipeline.trial_cutter.baseline
+    assert baseline is not None
+    assert baseline.tolist() == block.samples[:BASELINE_SAMPLES].mean(axis=0).tolist()
