@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QWidget
 from gui.widgets.file_browser import ElidedComboBox
 from gui.widgets.layouts import ComboBox, EventWatch, push_button
 from gui.widgets.plates import World, picture_size, plate_icon, plate_words
-from gui.widgets.theme import scaled_px
+from gui.widgets.theme import applied_theme, scaled_px
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.textures import plate_names
 from rigctl.bench.wirings import WIRINGS
@@ -59,6 +59,7 @@ class BenchControls(QGroupBox):
         self.plate.setSizeAdjustPolicy(narrow)
         self.plate.setMinimumContentsLength(8)
         self._world: World = None
+        self._look: tuple[object, ...] = ()
         self._list_plates()
         self.plate.activated.connect(self._send_plate)
         EventWatch(self, self._list_plates, QEvent.Type.PaletteChange, QEvent.Type.FontChange)
@@ -121,6 +122,11 @@ class BenchControls(QGroupBox):
         self._list_plates()
 
     def _list_plates(self) -> None:
+        """List the plates with their pictures, unless they are as they would be drawn now."""
+        look = (self._world, applied_theme().text, self.plate.font(), picture_size())
+        if look == self._look:
+            return
+        self._look = look
         chosen = self.plate.currentData()
         self.plate.clear()
         self.plate.setIconSize(picture_size())
