@@ -17,7 +17,7 @@ from gui.widgets.background import Background
 WORKER_THREAD = "rigctl-worker"
 CLOSE_TIMEOUT_S = 10.0
 START_MS = 100
-"""A process starts this long after its first task: a window that opens is then on the screen."""
+"""A process starts this long after the events at its first task: a window is then on the screen."""
 ENDED = "the analysis process ended unexpectedly: try again"
 
 
@@ -49,7 +49,7 @@ class Worker(QObject):
         """Run a method of :class:`gui.analysis.worker_tasks.WorkerTasks` in the process."""
         self._pending.append((task, args))
         if self._process is None:
-            QTimer.singleShot(START_MS, self, self._start)
+            QTimer.singleShot(0, self, self._start_soon)
         elif len(self._pending) == 1:
             self._begin()
 
@@ -95,6 +95,9 @@ class Worker(QObject):
     def _show_progress(self, process: BaseProcess, stage: str, share: float) -> None:
         if process is self._process:
             self.progressed.emit(stage, share)
+
+    def _start_soon(self) -> None:
+        QTimer.singleShot(START_MS, self, self._start)
 
     def _start(self) -> None:
         if self._process is not None or not self._pending:
