@@ -157,7 +157,6 @@ def run(args: argparse.Namespace) -> int:
     if is_asked.is_set():
         QTimer.singleShot(0, partial(_leave, window))
     Thread(target=_load_compiler).start()
-    window.analysis_tab.prepare()
     QTimer.singleShot(SOON_MS, window, window.fit_screen)  # its frame is there by then
     QTimer.singleShot(SOON_MS, window, window.prepare)
     if args.plots is not None:

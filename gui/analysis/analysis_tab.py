@@ -35,64 +35,9 @@ from gui.analysis.trial_sections import finer
 from gui.analysis.trial_view import TrialView
 from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
-from gui.widgets.file_browser import PathKind
-from gui.widgets.formatting import grouped
-from gui.widgets.labels import Strip
-from gui.widgets.layouts import push_button
 from gui.widgets.theme import Theme
 from gui.widgets.typed_paths import typed_path
-from rigctl.engine.rpc.messages import EngineStatus, RunStatus
 from rigctl.errors import WrongUse
-
-
-class RunEndStrip(Strip):
-    """Names the session of a run that ended while this window watched; hidden otherwise."""
-
-    analyse_requested = Signal(str)
-    """The session's folder."""
-    continue_requested = Signal(str)
-    """The same; its run hides the strip."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.session = ""
-        self._watched = ""
-        self.analyse_button = push_button("Analyse it", self._analyse)
-        self.continue_button = push_button(
-            "Continue it",
-            lambda: self.continue_requested.emit(self.session),
-            PathKind.INTERRUPTED.value[2],
-        )
-        self.close_button = push_button("Close", self.hide)
-        self.lay_out(self.continue_button, self.analyse_button, self.close_button, warns=False)
-
-    def show_status(self, status: EngineStatus) -> None:
-        """Watch a run, and offer its session when it ends."""
-        run = status.run
-        if run.is_active:
-            self._watched = run.session or ""
-            self.hide()
-            return
-        watched, self._watched = self._watched, ""
-        if watched and run.has_ended and run.session in (None, watched):
-            self.session = watched
-            name = Path(self.session).name
-            self.text.setText(f"The run {name} has ended with {_trials(run)}.")
-            self.continue_button.setVisible(not run.is_complete)
-            self.show()
-
-    def _analyse(self) -> None:
-        self.hide()
-        self.analyse_requested.emit(self.session)
-
-
-def _trials(run: RunStatus) -> str:
-    """Return how many trials a run has, and how the rest is recorded."""
-    n, planned = run.trials_committed, run.trials_planned
-    if n >= planned:
-        return "1 trial" if n == 1 else f"{grouped(n)} trials"
-    return f"{grouped(n)} of {grouped(planned)} trials"
-
 
 FOLLOW_MS = 1000
 READING = (
@@ -134,7 +79,6 @@ class AnalysisTab(QObject):
         self.trial_view, self.figure_view = TrialPages(theme), FigureView()
         self.results_view, self.files = ResultsView(), FileSaver()
         self.results_panel = ResultsPanel(self.results_view)
-        self.run_end_strip = RunEndStrip()
         self.author: Callable[[], str] = str
         """Returns who writes notes."""
         self._settings = self._analysed = ""
@@ -209,9 +153,14 @@ class AnalysisTab(QObject):
         self.results_view.set_theme(theme)
 
     @property
-    def views(self) -> tuple[QWidget, ...]:
-        """Return all views that the middle of the window can show."""
-        return self.trial_view, self.figure_view, self.results_panel
+    def pages(self) -> dict[str, QWidget]:
+        """All pages that the middle of the window can show, by their names there."""
+        return {
+            "trial": self.trial_view,
+            "figure": self.figure_view,
+            "results": self.results_panel,
+            "sessions": self.sessions,
+        }
 
     def _run(self, method: str, path: str) -> None:
         run_box = self.panel.run_box

@@ -1,4 +1,4 @@
-"""The page of a run: the planned order, the attempts as they come in, and notes."""
+"""The page of a run: the planned order, the attempts as they come in, and notes; its end."""
 
 from __future__ import annotations
 
@@ -40,10 +40,11 @@ from gui.protocol.run_tasks import (
     SessionNews,
 )
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.labels import ElidedLabel, label, show_text
+from gui.widgets.formatting import grouped
+from gui.widgets.labels import ElidedLabel, Strip, label, show_text
 from gui.widgets.layouts import EventWatch, FlowLayout, PageTabs, container, hbox, push_button, vbox
 from gui.widgets.theme import applied_theme, scaled_px
-from rigctl.engine.rpc.messages import RunStatus
+from rigctl.engine.rpc.messages import EngineStatus, RunStatus
 
 _Index = QModelIndex | QPersistentModelIndex
 _ROOT = QModelIndex()
@@ -448,3 +449,52 @@ def note_line(folder: str, author: str, text: str, trial_id: int, attempt: int, 
 def _stage(run: RunStatus) -> tuple[object, ...]:
     """Return what changes when there may be a new attempt."""
     return run.session, run.state, run.trials_committed, run.trials_rejected, run.trial_id
+
+
+class RunEndStrip(Strip):
+    """Names the session of a run that ended while this window watched; hidden otherwise."""
+
+    analyse_requested = Signal(str)
+    """The session's folder."""
+    continue_requested = Signal(str)
+    """The same; its run hides the strip."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.session = ""
+        self._watched = ""
+        self.analyse_button = push_button("Analyse it", self._analyse)
+        self.continue_button = push_button(
+            "Continue it",
+            lambda: self.continue_requested.emit(self.session),
+            PathKind.INTERRUPTED.value[2],
+        )
+        self.close_button = push_button("Close", self.hide)
+        self.lay_out(self.continue_button, self.analyse_button, self.close_button, warns=False)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Watch a run, and offer its session when it ends."""
+        run = status.run
+        if run.is_active:
+            self._watched = run.session or ""
+            self.hide()
+            return
+        watched, self._watched = self._watched, ""
+        if watched and run.has_ended and run.session in (None, watched):
+            self.session = watched
+            name = Path(self.session).name
+            self.text.setText(f"The run {name} has ended with {_trials(run)}.")
+            self.continue_button.setVisible(not run.is_complete)
+            self.show()
+
+    def _analyse(self) -> None:
+        self.hide()
+        self.analyse_requested.emit(self.session)
+
+
+def _trials(run: RunStatus) -> str:
+    """Return how many trials a run has, and how the rest is recorded."""
+    n, planned = run.trials_committed, run.trials_planned
+    if n >= planned:
+        return "1 trial" if n == 1 else f"{grouped(n)} trials"
+    return f"{grouped(n)} of {grouped(planned)} trials"

@@ -86,6 +86,9 @@ class PageArea(QScrollArea):
 class PageStack(QStackedWidget):
     """A stack of pages with names, each in a :class:`PageArea`."""
 
+    page_added = Signal(object)
+    """A page."""
+
     def __init__(self) -> None:
         super().__init__()
         self.currentChanged.connect(lambda _: self.updateGeometry())
@@ -102,6 +105,7 @@ class PageStack(QStackedWidget):
         self._pages[name] = page
         self._areas[page] = PageArea(page)
         self.addWidget(self._areas[page])
+        self.page_added.emit(page)
 
     def currentWidget(self) -> QWidget:
         """Return the present page."""

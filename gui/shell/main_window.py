@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence
@@ -18,12 +18,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
 from gui.link.attach import AttachController, ControlLock, PastLine
 from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
 from gui.live.own_plots import OwnPlots
 from gui.operate.event_log import EventLog, LogPanel, StatusLine
+from gui.protocol.session_page import RunEndStrip
 from gui.shell.actions import ActionRegistry, keys_by_position
 from gui.shell.docks import DockArea, PageStack, SteadyFocusWindow, give_focus, neighbour_of
 from gui.shell.drum_controller import DrumController
@@ -31,11 +31,11 @@ from gui.shell.help_page import REPORTS, HelpPage
 from gui.shell.menus import (
     SaveMenu,
     add_alarm_switches,
+    add_analysis_menu,
     add_live_actions,
     add_lsl_choices,
     add_panel_menus,
     add_rig_menu,
-    add_trial_actions,
     drum_controls,
     finger_controls,
 )
@@ -50,6 +50,10 @@ from rigctl.engine.contact import RESTING_STATES
 from rigctl.engine.rpc.engine_files import EngineFile
 from rigctl.experiments import FINGER_EXPERIMENT
 from rigctl.values import SessionLine
+
+if TYPE_CHECKING:
+    from gui.analysis.analysis_tab import AnalysisTab
+    from gui.analysis.session_list import SessionList
 
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (
@@ -328,21 +332,18 @@ class MainWindow(SteadyFocusWindow):
         self.protocol_panel = self.drum.protocol_panel
         self.live_page, self.live_plots = self.drum.live_page, self.drum.live_page.plots
         self.own_plots = OwnPlots(theme)
-        self.analysis_tab = AnalysisTab(theme)
         self.finger_tab = FingerTab(theme, finger_factory)
         self.links = (self.engine_link, self.finger_tab.link)
         self.engine_link.spared = self._engines_of_peers
         self.attach = AttachController(self.links)
         self.file_browser, self.event_log = FileBrowser(), EventLog()
         self.status_line = StatusLine("Choose a rig and press Connect.")
-        people = self.protocol_panel.form.people
-        self.analysis_tab.author = lambda: people()["operator"]
+        self.run_end_strip = RunEndStrip()
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
-        panel = self.analysis_tab.panel
-        self.replay = ReplayController(theme, self.stack, panel, self.sessions)
-        self.replay.author = self.analysis_tab.author
-        self.analysis_tab.panel.run_box.fallback = self.protocol_panel.out.text
+        self.replay = ReplayController(theme, self.stack, self.sessions)
+        self.replay.author = self._author
+        self.replay.place_of = lambda path: self.analysis_tab.panel.run_box.place_of(path)
         self.help = HelpPage(self.menus, self.settings.folder / REPORTS)
         self.start = StartPage(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
@@ -359,6 +360,40 @@ class MainWindow(SteadyFocusWindow):
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
         self.timer.start(FRAME_MS)
+
+    @cached_property
+    def analysis_tab(self) -> AnalysisTab:
+        """The Analysis tab, made when it is first wanted, at the latest by :meth:`prepare`.
+
+        The window is there a tenth of a second sooner.
+        """
+        from gui.analysis.analysis_tab import AnalysisTab
+
+        tab = AnalysisTab(self.appearance.theme)
+        tab.author = self._author
+        tab.panel.run_box.fallback = self.protocol_panel.out.text
+        for name, page in tab.pages.items():
+            self.stack.add_page(name, page)
+        self._analysis_place.addWidget(scroll_area(tab.panel))
+        add_analysis_menu(self.menus, tab, self.docks)
+        self.memory.keep_texts({"results_in": tab.panel.run_box.place})
+        self.replay.follow_choice(tab.panel)
+        tab.panel.path_requested.connect(self._browse)
+        tab.reported.connect(self.report)
+        tab.view_changed.connect(self._show_view)
+        tab.opened.connect(self.sessions.remember)
+        tab.found_whole.connect(self._keep_verified)
+        self._connect_sessions(tab.sessions)
+        return tab
+
+    @property
+    def _made_analysis(self) -> list[AnalysisTab]:
+        """The tab, if there is one."""
+        return [self.analysis_tab] if "analysis_tab" in vars(self) else []
+
+    def _author(self) -> str:
+        """Return who writes notes: the operator of the next run."""
+        return str(self.protocol_panel.form.people()["operator"])
 
     def another(self) -> MainWindow:
         """Return the page of another rig, which is not in a window yet."""
@@ -384,6 +419,7 @@ class MainWindow(SteadyFocusWindow):
 
         Qt lays out every hidden page for the first picture of any.
         """
+        self.analysis_tab.prepare()
         assert self.replay.page and self.analysis_tab.trial_view.compare.overlaid
         self.grab(QRect(0, 0, 1, 1))
 
@@ -483,8 +519,10 @@ class MainWindow(SteadyFocusWindow):
         self._keys.release()
         self.memory.close()
         self.hide()  # the window does not stay while an engine or a worker ends slowly
-        for part in (self.attach, self.tools, self.start.maker, self.analysis_tab, self.replay):
+        for part in (self.attach, self.tools, self.start.maker, self.replay):
             part.close()
+        for tab in self._made_analysis:
+            tab.close()
         self.own_plots.close_process(wait_ms=1000)
         self.drum.close()
         self.finger_tab.close()
@@ -502,7 +540,6 @@ class MainWindow(SteadyFocusWindow):
                 "record_in": self.operate_panel.record_box.folder,
                 "own_plots": self.own_plots.file,
                 "pictures_in": self.live_page.save_strip.folder,
-                "results_in": self.analysis_tab.panel.run_box.place,
             }
         )
         self.memory.keep_files("protocols", self.protocol_panel.protocol)
@@ -523,7 +560,7 @@ class MainWindow(SteadyFocusWindow):
         self._add_pages()
         self._add_docks()
         prompts = (self.prompt_panel, self.finger_tab.prompt_panel)
-        questions = (self.protocol_panel.unsaved, *prompts, self.analysis_tab.run_end_strip)
+        questions = (self.protocol_panel.unsaved, *prompts, self.run_end_strip)
         self._questions = (self.attach.closing, self.protocol_panel.unsaved)
         offer = self.tools.flash_strip
         strips = (self.drum.alarms.strip, *self.attach.strips, offer, *questions)
@@ -536,16 +573,11 @@ class MainWindow(SteadyFocusWindow):
         self.resize(QSize(WIDTH_PX, HEIGHT_PX).boundedTo(self.screen().availableSize()))
 
     def _add_pages(self) -> None:
-        analysis = self.analysis_tab
         pages: dict[str, QWidget] = {
             "live": self.live_page,
             "plots": self.own_plots,
             "protocol": self.protocol_panel.page,
             "finger": self.finger_tab.view,
-            "trial": analysis.trial_view,
-            "figure": analysis.figure_view,
-            "results": analysis.results_panel,
-            "sessions": analysis.sessions,
             "files": self.file_browser,
             "help": self.help,
             "engines": self.attach.engines,
@@ -557,13 +589,14 @@ class MainWindow(SteadyFocusWindow):
     def _add_docks(self) -> None:
         add = self.docks.add
         add("operate", "Operate", scroll_area(self.operate_panel), _LEFT)
+        self._analysis_place = vbox()
         tabs = {
-            "protocol": ("Protocol", self.protocol_panel),
-            "analysis": ("Analysis", self.analysis_tab.panel),
-            "finger": ("Finger", self.finger_tab.panel),
+            "protocol": ("Protocol", scroll_area(self.protocol_panel)),
+            "analysis": ("Analysis", container(self._analysis_place)),
+            "finger": ("Finger", scroll_area(self.finger_tab.panel)),
         }
         for name, (title, panel) in tabs.items():
-            add(name, title, scroll_area(panel), _LEFT, tabbed_with="operate")
+            add(name, title, panel, _LEFT, tabbed_with="operate")
         add("log", "Log", LogPanel(self.event_log), _BOTTOM)
         self.docks.keep_on_screen("log")
         self.docks.set_first_size("operate", LEFT_PX, Qt.Orientation.Horizontal)
@@ -580,12 +613,10 @@ class MainWindow(SteadyFocusWindow):
         menus.add("Rig", "Re&move this rig", self.rig_unwanted.emit, tip=tip)
         self.rigs = RecentRigs(menus, self.settings, self.toolbar)
         self.engine_link.opened.connect(self.rigs.remember_connected)
-        panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
         menus.add_separator("Rig")
-        add_panel_menus(menus, *panels)
+        add_panel_menus(menus, self.operate_panel, self.protocol_panel, self.finger_tab)
         add_lsl_choices(menus, "Rig", self.engine_link)
         add_lsl_choices(menus, "Rig → Finger", self.finger_tab.link)
-        add_trial_actions(menus, self.docks, self.analysis_tab.panel.trials)
         menus.add_separator("Rig")
         add_alarm_switches(menus, self.drum, self.settings)
         tip = "Mark the trial that is chosen here bad, or good again; in a run else the newest"
@@ -658,7 +689,7 @@ class MainWindow(SteadyFocusWindow):
         self.engine_link.status_changed.connect(lambda _: self.appearance.follow_system())
         self.drum.title_changed.connect(self.setWindowTitle)
         boxes = (self.toolbar.rig, self.toolbar.world)
-        panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
+        panels = (self.operate_panel, self.protocol_panel, self.finger_tab)
         self.replay.view_changed.connect(self._show_view)
         for link in self.links:
             link.opened.connect(self._follow_live)
@@ -667,17 +698,15 @@ class MainWindow(SteadyFocusWindow):
         strips = (self.own_plots, self.live_page.save_strip, self.live_page.encoder_strip)
         for widget in (*boxes, *panels, *strips, self.replay, self.tools):
             widget.path_requested.connect(self._browse)
-        for source in (self.drum, self.finger_tab, self.analysis_tab, self.replay, self.tools):
+        for source in (self.drum, self.finger_tab, self.replay, self.tools):
             source.reported.connect(self.report)
         self._connect_attach()
-        self._connect_sessions()
-        self.analysis_tab.view_changed.connect(self._show_view)
-        run_end = self.analysis_tab.run_end_strip
+        self.start.sessions_requested.connect(self._list_sessions)
+        run_end = self.run_end_strip
         self.engine_link.status_changed.connect(run_end.show_status)
         run_end.analyse_requested.connect(self._analyse)
         run_end.continue_requested.connect(self.protocol_panel.continue_session)
         self.docks.panel_used.connect(self._use_panel)
-        self.analysis_tab.opened.connect(self.sessions.remember)
         opened_by = (self.sessions.open_requested, self.start.session_requested)
         for offers in (*opened_by, self.tools.session_requested):
             offers.connect(self._analyse)
@@ -703,11 +732,9 @@ class MainWindow(SteadyFocusWindow):
         live = [link.engine.live for link in links if link.is_connected and link.engine is not None]
         self.own_plots.follow(live[0] if live else "")
 
-    def _connect_sessions(self) -> None:
+    def _connect_sessions(self, sessions: SessionList) -> None:
         """Let the list of sessions act in the panels."""
-        tab, sessions = self.analysis_tab, self.analysis_tab.sessions
         sessions.verified = self._verified_on
-        tab.found_whole.connect(self._keep_verified)
         sessions.continue_requested.connect(self._continue_session)
         sessions.analyse_requested.connect(self._analyse)
         sessions.add_requested.connect(self._add_to_analysis)
@@ -715,7 +742,6 @@ class MainWindow(SteadyFocusWindow):
         sessions.export_requested.connect(self.tools.show_export)
         sessions.path_requested.connect(self._browse_sessions)
         sessions.closed.connect(self._show_view)
-        self.start.sessions_requested.connect(self._list_sessions)
 
     def _browse_sessions(self, kind: PathKind, selected: Callable[[str], None]) -> None:
         """Let the user choose a folder, and come back to the list."""
@@ -822,13 +848,16 @@ class MainWindow(SteadyFocusWindow):
         self.live_plots.set_theme(theme)
         self.own_plots.set_theme(theme)
         self.replay.set_theme(theme)
-        self.analysis_tab.set_theme(theme)
+        for tab in self._made_analysis:
+            tab.set_theme(theme)
         self.finger_tab.view.set_theme(theme)
         self.event_log.reset_colours()
 
     def _show_view(self) -> None:
         live = self.finger_tab.view if self._panel == "finger" else self.live_page
-        views = {"analysis": self.analysis_tab.view}
+        views: dict[str, QWidget] = {}
+        if self._panel == "analysis":
+            views["analysis"] = self.analysis_tab.view
         if self.protocol_panel.shows_page:
             views["protocol"] = self.protocol_panel.page
         view = views.get(self._panel, self.own_plots if self.own_plots.is_wanted else live)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QAbstractButton, QMenu, QStackedWidget, QWidget
+from PySide6.QtWidgets import QAbstractButton, QMenu, QWidget
 
-from gui.analysis.analysis_tab import AnalysisTab
 from gui.analysis.export import FORMATS, ExportButton
-from gui.analysis.trial_list import TrialList
 from gui.finger.finger_tab import FingerTab
 from gui.link.engine_link import EngineLink
 from gui.live.live_page import LivePage
@@ -22,10 +20,14 @@ from gui.operate.operate_panel import OperatePanel, PromptPanel
 from gui.operate.setup_page import SetupPage
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.actions import ActionRegistry
-from gui.shell.docks import DockArea
+from gui.shell.docks import DockArea, PageStack
 from gui.shell.drum_controller import DrumController
 from gui.shell.user_settings import SPAN_KEY, UserSettings, is_span
 from rigctl.engine.rpc.messages import LslScope
+
+if TYPE_CHECKING:
+    from gui.analysis.analysis_tab import AnalysisTab
+    from gui.analysis.trial_list import TrialList
 
 _CHANGES = (
     QEvent.Type.EnabledChange,
@@ -78,7 +80,7 @@ class SaveMenu(QObject):
     Each is grey where the page has no such button, or has nothing to save.
     """
 
-    def __init__(self, menus: ActionRegistry, pages: QStackedWidget) -> None:
+    def __init__(self, menus: ActionRegistry, pages: PageStack) -> None:
         super().__init__(pages)
         self._pages = pages
         self.actions = {
@@ -93,9 +95,13 @@ class SaveMenu(QObject):
         menu = self.actions[FORMATS[0]].parent()
         assert isinstance(menu, QMenu)
         menu.aboutToShow.connect(self._follow)
+        self._watch(pages)
+        pages.page_added.connect(self._watch)
+        self._follow()
+
+    def _watch(self, pages: QWidget) -> None:
         for button in pages.findChildren(ExportButton):
             button.installEventFilter(self)
-        self._follow()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Follow a button that comes, goes, or goes off."""
@@ -134,9 +140,8 @@ def add_panel_menus(
     operate: OperatePanel,
     protocol: ProtocolPanel,
     finger: FingerTab,
-    analysis: AnalysisTab,
 ) -> None:
-    """Add the buttons of all panels."""
+    """Add the buttons of all panels that act on rigs."""
     add_buttons(menus, "Rig", [*operate.buttons.values(), operate.set_button])
     steps = operate.bring_up
     guided = [steps.next, steps.calibrate, steps.steps, operate.record_box.button]
@@ -152,14 +157,6 @@ def add_panel_menus(
     scans = finger.run_box
     moving = (*scans.buttons.values(), *scans.continue_buttons, scans.models_button, scans.inject)
     add_buttons(menus, "Rig → Finger", [finger.bar.connect_button, *moving])
-    panel = analysis.panel
-    box = panel.run_box
-    tasks = (panel.verify_button, box.run_button, box.cancel_button, box.results_button)
-    report = (analysis.results_panel.report_button, analysis.results_panel.folder_button)
-    others = (box.form.add_button, box.form.remove_button)
-    compare = analysis.trial_view.compare
-    trials = (panel.trials.replay_button, compare.button, compare.overlay_button)
-    add_buttons(menus, "Tools → Analysis", [*others, *tasks, *report, *trials])
 
 
 def drum_controls(
@@ -272,7 +269,20 @@ def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettin
     menus.add("File", "Save &table", page.save_strip.table.click, tip=tip)
 
 
-def add_trial_actions(menus: ActionRegistry, docks: DockArea, trials: TrialList) -> None:
+def add_analysis_menu(menus: ActionRegistry, analysis: AnalysisTab, docks: DockArea) -> None:
+    """Add the buttons of the analysis, and the ways into the trial table's filter and columns."""
+    panel = analysis.panel
+    box = panel.run_box
+    tasks = (panel.verify_button, box.run_button, box.cancel_button, box.results_button)
+    report = (analysis.results_panel.report_button, analysis.results_panel.folder_button)
+    others = (box.form.add_button, box.form.remove_button)
+    compare = analysis.trial_view.compare
+    trials = (panel.trials.replay_button, compare.button, compare.overlay_button)
+    add_buttons(menus, "Tools → Analysis", [*others, *tasks, *report, *trials])
+    _add_trial_actions(menus, docks, panel.trials)
+
+
+def _add_trial_actions(menus: ActionRegistry, docks: DockArea, trials: TrialList) -> None:
     """Add the ways into the filter and the columns of the trial table."""
 
     def in_panel(give_focus: Callable[[], object]) -> Callable[[], None]:

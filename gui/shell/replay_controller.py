@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.analysis.session_panel import SessionPanel
 from gui.analysis.task_values import DRUM
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import PageStack
@@ -16,6 +16,7 @@ from gui.shell.user_settings import RecentSessions
 from gui.widgets.theme import Theme
 
 if TYPE_CHECKING:
+    from gui.analysis.session_panel import SessionPanel
     from gui.live.replay_page import ReplayPage
 
 NAME = "replay"
@@ -34,17 +35,20 @@ class ReplayController(QObject):
     view_changed = Signal()
     """:attr:`is_shown` has changed."""
 
-    def __init__(
-        self, theme: Theme, stack: PageStack, panel: SessionPanel, sessions: RecentSessions
-    ) -> None:
+    def __init__(self, theme: Theme, stack: PageStack, sessions: RecentSessions) -> None:
         super().__init__()
         self.is_shown = False
         self.author: Callable[[], str] = str
         """Returns who writes notes."""
-        self._theme, self._stack, self._panel, self._sessions = theme, stack, panel, sessions
+        self.place_of: Callable[[str], Path] = Path
+        """Returns the folder for pictures of a session."""
+        self._theme, self._stack, self._sessions = theme, stack, sessions
         self._chosen: tuple[str, int] | None = None
         """A trial that was chosen in Analysis and is not taken over yet."""
-        panel.trial_requested.connect(self._choose)
+
+    def follow_choice(self, panel: SessionPanel) -> None:
+        """Take over the trials that are chosen in a panel from now on."""
+        panel.trial_requested.connect(partial(self._choose, panel))
         panel.replay_requested.connect(self._replay)
 
     @cached_property
@@ -53,7 +57,7 @@ class ReplayController(QObject):
         from gui.live.replay_page import ReplayPage
 
         page = ReplayPage(self._theme)
-        page.author, page.place_of = self.author, self._panel.run_box.place_of
+        page.author, page.place_of = self.author, self.place_of
         page.opened.connect(self._sessions.remember)
         page.closed.connect(self.hide)
         page.reported.connect(self.reported)
@@ -112,9 +116,9 @@ class ReplayController(QObject):
         """Let another page take the middle."""
         self.is_shown = False
 
-    def _choose(self, path: str, row: int) -> None:
+    def _choose(self, panel: SessionPanel, path: str, row: int) -> None:
         """Take over a trial now if the page is on the screen, else when it is shown."""
-        if self._panel.sessions[path].experiment != DRUM:
+        if panel.sessions[path].experiment != DRUM:
             return
         if self.is_made and self.page.isVisible():
             self.page.open(path, row)

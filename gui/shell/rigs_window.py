@@ -184,7 +184,6 @@ def add_rig(window: MainWindow) -> None:
         rigs = RigsWindow(window)
         rigs.show()
     rigs.add(further)
-    further.analysis_tab.prepare()
     further.prepare()
     connect_menu(further)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QObject, QProcess, Qt, QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLineEdit, QPlainTextEdit, QWidget
@@ -390,6 +390,9 @@ UNSAVED = "calibration not saved: {parts}; it is lost unless another window is o
 IN_USE = "The window uses the boards: disconnect first, because asking the ports resets them."
 
 
+_Page = TypeVar("_Page", bound=CommandPage)
+
+
 class ToolsController(QObject):
     """Adds the pages to the window and ends their commands when it closes."""
 
@@ -408,10 +411,8 @@ class ToolsController(QObject):
         super().__init__()
         self._stack, self._link = stack, link
         self.flash_strip = FlashStrip()
-        self.ports_page, self.import_page = PortsPage(self._ports_refusal), ImportPage()
-        self.accept_page, self.encode_page = accept_page(), encode_page()
-        self.export_page, self.recover_page = ExportPage(), recover_page()
-        self.import_page.session_requested.connect(self.session_requested)
+        self._commands: list[CommandPage] = []
+        """The pages of commands that are made already."""
         self.calibrate_page = CalibratePage()
         stack.add_page("calibrate", self.calibrate_page)
         self.calibrate_page.closed.connect(self.closed)
@@ -422,6 +423,38 @@ class ToolsController(QObject):
         self._connect_calibration()
         self._add_setup(menus)
 
+    @cached_property
+    def import_page(self) -> ImportPage:
+        """The page that makes a session of recordings from elsewhere."""
+        page = ImportPage()
+        page.session_requested.connect(self.session_requested)
+        return self._add_page("import", page)
+
+    @cached_property
+    def export_page(self) -> ExportPage:
+        """The page that writes a session for other programs."""
+        return self._add_page("export", ExportPage())
+
+    @cached_property
+    def encode_page(self) -> FieldsPage:
+        """The page that writes the spikes of a session as plain arrays."""
+        return self._add_page("encode", encode_page())
+
+    @cached_property
+    def recover_page(self) -> FieldsPage:
+        """The page that closes the parts of a session whose writer was killed."""
+        return self._add_page("recover", recover_page())
+
+    @cached_property
+    def accept_page(self) -> FieldsPage:
+        """The page that judges a rig by a session of the acceptance protocol."""
+        return self._add_page("accept", accept_page())
+
+    @cached_property
+    def ports_page(self) -> PortsPage:
+        """The page that lists the board on each port."""
+        return self._add_page("ports", PortsPage(self._ports_refusal))
+
     def show_calibration(self, part: str) -> None:
         """Show a part of the page Calibrate."""
         self.calibrate_page.show_part(part)
@@ -430,7 +463,7 @@ class ToolsController(QObject):
     def show_export(self, session: str) -> None:
         """Show the page Export with a session."""
         self.export_page.show_session(session)
-        self._stack.show_page("export")
+        self._stack.setCurrentWidget(self.export_page)
 
     def show_setup(self) -> None:
         """Show the page Set up."""
@@ -439,32 +472,38 @@ class ToolsController(QObject):
 
     def close(self) -> None:
         """End the commands that still run."""
-        for page in self._commands.values():
+        for page in self._commands:
             page.close_process()
         self.setup_page.boards.worker.close()
 
     def _add_commands(self, menus: ActionRegistry) -> None:
-        """Add the pages of commands, which run in processes of their own."""
+        """Add the ways to the pages of commands, which are made when they are first wanted."""
         judge = "Judge a rig by a session of the acceptance protocol"
         made = "Make a session of recordings from elsewhere"
         export = "Write a session for other programs: NWB, MATLAB, Parquet, Neo, CSV"
         spikes = "Write the spikes of a session as plain arrays"
         close = "Close the parts of a session whose writer was killed"
-        self._commands: dict[str, CommandPage] = {}
-        for menu, name, page, text, tip in (
-            ("File", "import", self.import_page, "I&mport recordings", made),
-            ("File", "export", self.export_page, "&Export a session", export),
-            ("Tools", "encode", self.encode_page, "&Encode a session", spikes),
-            ("Tools", "recover", self.recover_page, "&Recover a session", close),
-            ("Tools", "accept", self.accept_page, "&Accept a rig", judge),
-            ("Tools", "ports", self.ports_page, "&Serial ports", "List the board on each port"),
+        for menu, text, tip, page in (
+            ("File", "I&mport recordings", made, lambda: self.import_page),
+            ("File", "&Export a session", export, lambda: self.export_page),
+            ("Tools", "&Encode a session", spikes, lambda: self.encode_page),
+            ("Tools", "&Recover a session", close, lambda: self.recover_page),
+            ("Tools", "&Accept a rig", judge, lambda: self.accept_page),
+            ("Tools", "&Serial ports", "List the board on each port", lambda: self.ports_page),
         ):
-            self._commands[name] = page
-            self._stack.add_page(name, page)
-            page.closed.connect(self.closed)
-            menus.add(menu, text, partial(self._stack.show_page, name), tip=tip)
-            if isinstance(page, FieldsPage):
-                page.path_requested.connect(partial(self._choose_path, name))
+            menus.add(menu, text, partial(self._show, page), tip=tip)
+
+    def _add_page(self, name: str, page: _Page) -> _Page:
+        """Add the page of a command, which runs in a process of its own."""
+        self._commands.append(page)
+        self._stack.add_page(name, page)
+        page.closed.connect(self.closed)
+        if isinstance(page, FieldsPage):
+            page.path_requested.connect(partial(self._choose_path, name))
+        return page
+
+    def _show(self, page: Callable[[], QWidget]) -> None:
+        self._stack.setCurrentWidget(page())
 
     def _connect_calibration(self) -> None:
         link, page = self._link, self.calibrate_page

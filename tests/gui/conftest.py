@@ -66,7 +66,7 @@ def disconnected(shared: SharedWindow, engine: FakeEngine) -> Iterator[SharedWin
     shared.engine, shared.error, shared.opened = engine, None, []
     shared.window.show_panel("operate")
     shared.window.event_log.clear()
-    shared.window.analysis_tab.run_end_strip.hide()  # of the run of another test
+    shared.window.run_end_strip.hide()  # of the run of another test
     yield shared
     shared.window.engine_link.close()
     shared.window.engine_link.wait_closed()

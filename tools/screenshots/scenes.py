@@ -331,7 +331,7 @@ def finger_scenes(studio: Studio) -> Iterator[Scene]:
     for choice in THEMES:
         window.set_theme(choice)
         _run_finger(studio)
-        window.analysis_tab.run_end_strip.hide()
+        window.run_end_strip.hide()
         yield Scene("finger", lambda: _grows(window), choice)
 
 

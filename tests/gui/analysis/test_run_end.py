@@ -19,7 +19,7 @@ def run_status(state: str, session: Path, trials: int = 0) -> dict[str, Any]:
 def test_the_session_of_a_run_that_ended_is_a_click_away(harness: Harness, tmp_path: Path) -> None:
     kind = {"travel_mm": 12.0, "speeds": (40,), "forces": (250,)}
     session = record(tmp_path / "today", "AB", **kind)
-    strip, tab = harness.window.analysis_tab.run_end_strip, harness.window.analysis_tab
+    strip, tab = harness.window.run_end_strip, harness.window.analysis_tab
     harness.update(run=run_status("done", session))
     assert not strip.isVisible(), "this window did not watch that run"
     harness.update(run=run_status("running", session))
@@ -37,7 +37,7 @@ def test_the_session_of_a_run_that_ended_is_a_click_away(harness: Harness, tmp_p
 
 
 def test_the_offer_is_declined_and_a_new_run_hides_it(harness: Harness, tmp_path: Path) -> None:
-    strip = harness.window.analysis_tab.run_end_strip
+    strip = harness.window.run_end_strip
     for button in (True, False):
         harness.update(run=run_status("running", tmp_path))
         harness.update(run=run_status("aborted", tmp_path))
@@ -51,7 +51,7 @@ def test_the_offer_is_declined_and_a_new_run_hides_it(harness: Harness, tmp_path
 
 
 def test_one_trial_is_no_plural(harness: Harness, tmp_path: Path) -> None:
-    strip = harness.window.analysis_tab.run_end_strip
+    strip = harness.window.run_end_strip
     harness.update(run=run_status("running", tmp_path / "short"))
     harness.update(run=run_status("aborted", tmp_path / "short", 1))
     assert strip.text.text() == "The run short has ended with 1 trial."
@@ -61,7 +61,7 @@ def test_one_trial_is_no_plural(harness: Harness, tmp_path: Path) -> None:
 def test_a_run_that_was_aborted_is_continued_where_it_ended(
     harness: Harness, tmp_path: Path
 ) -> None:
-    strip, panel = harness.window.analysis_tab.run_end_strip, harness.window.protocol_panel
+    strip, panel = harness.window.run_end_strip, harness.window.protocol_panel
     box = panel.run_box
     harness.window.show_panel("protocol")
     harness.update(run=run_status("running", tmp_path / "short"))

@@ -19,7 +19,7 @@ def test_two_trials_are_recorded_verified_and_looked_at(rig: RigWindow, tmp_path
     rig.until(lambda: rig.status.run.state == "done")
     folder = Path(rig.status.run.session)
     assert verify(folder).problems == []
-    strip, tab = window.analysis_tab.run_end_strip, window.analysis_tab
+    strip, tab = window.run_end_strip, window.analysis_tab
     rig.until(strip.isVisible)
     assert folder.name in strip.text.text()
     click(strip.analyse_button)

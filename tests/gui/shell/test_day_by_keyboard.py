@@ -152,9 +152,10 @@ def _pause_and_note(day: Typist) -> None:
 
 def _analyse(day: Typist) -> None:
     tab, rig = day.window.analysis_tab, day.rig
-    rig.until(tab.run_end_strip.isVisible)
-    day.choose(tab.run_end_strip.isAncestorOf)
-    day.act(tab.run_end_strip.analyse_button)
+    strip = day.window.run_end_strip
+    rig.until(strip.isVisible)
+    day.choose(strip.isAncestorOf)
+    day.act(strip.analyse_button)
     rig.until(lambda: tab.trial_view.data is not None and not tab.reader.is_busy)
     day.press(ANALYSIS, CONTROL)
     day.go_to(tab.panel.table)

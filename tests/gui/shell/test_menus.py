@@ -66,7 +66,7 @@ def test_each_button_that_stays_is_in_a_menu(harness: Harness) -> None:
     pages += [window.analysis_tab.sessions, window.own_plots]
     tools: list[QWidget] = list(window.findChildren(CommandPage))
     tools += [window.tools.calibrate_page, window.tools.setup_page]
-    elsewhere: list[QWidget] = [*strips, *pages, *tools, window.analysis_tab.run_end_strip]
+    elsewhere: list[QWidget] = [*strips, *pages, *tools, window.run_end_strip]
     elsewhere += [window.drum.alarms.strip, *window.live_page.findChildren(TaxelStrip)]
     elsewhere.append(window.analysis_tab.results_view)
     elsewhere += window.findChildren(SaveStrip) + window.findChildren(ReplayPage)

@@ -60,11 +60,15 @@ def test_the_window_loads_no_compiler_and_no_statistics() -> None:
 def test_pages_that_are_not_in_view_are_made_and_laid_out_before_a_rig_moves(
     qapp: QApplication,
 ) -> None:
-    """The first replay and the first saved picture kept the window, and STOP with it."""
+    """The first replay and the first saved picture kept the window, and STOP with it.
+
+    What is not in view at the start is made behind the first picture of the window.
+    """
     with own_window() as window:
         window.show()
         qapp.processEvents()
         assert not window.replay.is_made and _waiting(window)
+        assert "analysis_tab" not in vars(window)
         window.prepare()
         assert window.replay.is_made and not window.replay.is_shown and not _waiting(window)
         assert window.stack.currentWidget() is window.live_page
