@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -62,24 +62,33 @@ def next_digest(
     return digest.hexdigest()
 
 
-def describe_part(file: Any, data_sets: Mapping[str, Any] | None = None) -> bytes:
+def describe_part(
+    file: Any, empty: Mapping[str, Any] | None = None, own: Sequence[str] = ()
+) -> bytes:
     """Return canonical JSON of all that an open part holds besides its rows.
 
     It has the root's attributes, both texts, and the type, the shape of a row and the attributes
-    of each data set that grows. ``data_sets``: as :func:`describe_data_sets` returns them, for
-    one whose data sets are known. Raises what h5py raises, and ValueError for other attributes.
+    of each data set that grows. ``empty``: what :func:`describe_empty_part` returns for the part
+    from which this one was built with attributes of its ``own``. Raises what h5py raises, and
+    ValueError for other attributes.
     """
-    objects = _describe_objects(file) if data_sets is None else data_sets
-    texts = {path: read_text(file, path) for path, _ in TEXTS}
-    described = {"attributes": read_attributes(file), "objects": objects, "texts": texts}
+    if empty is None:
+        described = _describe_file(file)
+    else:
+        described = {**empty, "attributes": empty["attributes"] | read_attributes(file, own)}
     return json.dumps(described, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
 
 
 @lru_cache(maxsize=4)
-def describe_data_sets(image: bytes) -> Mapping[str, Any]:
-    """Return what :func:`describe_part` holds of the data sets of an empty part."""
+def describe_empty_part(image: bytes) -> Mapping[str, Any]:
+    """Return what :func:`describe_part` writes of a part that is built from this one."""
     with open_image(image) as file:
-        return _describe_objects(file)
+        return _describe_file(file)
+
+
+def _describe_file(file: Any) -> dict[str, Any]:
+    texts = {path: read_text(file, path) for path, _ in TEXTS}
+    return {"attributes": read_attributes(file), "objects": _describe_objects(file), "texts": texts}
 
 
 def _describe_objects(file: Any) -> dict[str, Any]:

@@ -455,14 +455,14 @@ def open_image(image: bytes) -> h5py.File:
     return h5py.File(h5py.h5f.open(f"image {uuid4()}".encode(), h5py.h5f.ACC_RDWR, access))
 
 
-def read_attributes(node: Any) -> dict[str, Any]:
-    """Return the attributes of a file, group or data set as Python's own types.
+def read_attributes(node: Any, names: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the attributes of a file, group or data set as Python's own types; all without names.
 
     Raises what h5py raises, and ValueError for what is no number, no text and no list of these.
     """
     stored = node.attrs  # for a file, each use of attrs opens its root anew
     # Not by items(): it holds h5py's lock until its end, and an error here leaves it without one.
-    return {name: _to_python(name, stored[name]) for name in list(stored)}
+    return {name: _to_python(name, stored[name]) for name in names or list(stored)}
 
 
 def write_attributes(node: Any, attributes: Attributes) -> None:

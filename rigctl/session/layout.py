@@ -150,22 +150,26 @@ class SessionLayout:
         return (*self.tables, DIGESTS) if self.has_digests else self.tables
 
 
-def build_empty_part(data_sets: bytes, attributes: Attributes) -> bytes:
-    """Return a part with these :func:`empty_data_sets` and the attributes of its root."""
-    with open_image(data_sets) as file:
+def build_part(empty: bytes, attributes: Attributes) -> bytes:
+    """Return an :func:`empty_part` with these attributes of its own at its root."""
+    with open_image(empty) as file:
         write_attributes(file, attributes)
         file.flush()
         return bytes(file.id.get_file_image())
 
 
 @lru_cache(maxsize=4)
-def empty_data_sets(
-    layout: SessionLayout, n_taxels: int, sample_unit: str, texts: tuple[str, str]
+def empty_part(
+    layout: SessionLayout,
+    n_taxels: int,
+    texts: tuple[str, str],
+    attributes: tuple[tuple[str, str | int | float], ...],
 ) -> bytes:
-    """Return every data set of a part, empty. ``texts``: protocol and rig description.
+    """Return a part without rows. ``texts``: protocol and rig description.
 
-    Kept, as the parts of a session differ in their attributes alone.
+    Kept, as the parts of a session differ in few attributes of their root.
     """
+    sample_unit = str(dict(attributes).get("sample_unit", ""))
     # HDF5 knows files in memory by name, and two threads may each build one.
     name = f"new {uuid4()}"
     with h5py.File(name, "w", driver="core", backing_store=False, libver=LIBVER) as file:
@@ -175,6 +179,7 @@ def empty_data_sets(
             _create_table(file, table)
         for (path, doc), text in zip(TEXTS, texts, strict=True):
             write_attributes(file.create_dataset(path, data=text_scalar(text)), {"doc": doc})
+        write_attributes(file, dict(attributes))
         file.flush()
         return bytes(file.id.get_file_image())
 

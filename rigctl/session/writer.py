@@ -26,7 +26,7 @@ from rigctl.session import layout
 from rigctl.session.digests import (
     FIRST_DIGEST,
     DigestChain,
-    describe_data_sets,
+    describe_empty_part,
     describe_part,
 )
 from rigctl.session.hdf5_file import Attributes, system_error
@@ -40,8 +40,8 @@ from rigctl.session.layout import (
     SessionLayout,
     SessionOutcome,
     TableLayout,
-    build_empty_part,
-    empty_data_sets,
+    build_part,
+    empty_part,
     event_row,
 )
 from rigctl.session.part import PREVIOUS_DIGEST
@@ -114,7 +114,7 @@ class PartWriter:
     """Writer of an open part. Call all methods in the writer's thread; they may raise OSError.
 
     ``add_*`` buffer rows and :meth:`write` appends them to the file, with their digests if the
-    layout has some.
+    layout has some. ``own``: attributes besides those that all parts of a session have.
     ``previous_digest`` is the last digest of the session's part before this one.
     """
 
@@ -126,19 +126,20 @@ class PartWriter:
         n_taxels: int,
         texts: tuple[str, str],
         previous_digest: str = FIRST_DIGEST,
+        own: Attributes | None = None,
     ) -> None:
         self.path = path
         self._layout = layout
+        own = own or {}
         if layout.has_digests:
-            attributes = {**attributes, PREVIOUS_DIGEST: previous_digest}
+            own = {**own, PREVIOUS_DIGEST: previous_digest}
         self.counters = CounterMap()
         self.samples_written = 0
         self._blocks: list[SampleBlock] = []
         self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.tables}
         self._uncovered: dict[str, list[NDArray[Any]]] = {}
-        sample_unit = str(attributes.get("sample_unit", ""))
-        empty = empty_data_sets(layout, n_taxels, sample_unit, texts)
-        _write_new(path, build_empty_part(empty, attributes))
+        empty = empty_part(layout, n_taxels, texts, tuple(attributes.items()))
+        _write_new(path, build_part(empty, own))
         self._file = h5py.File(
             _temporary_path(path), "r+", libver=LIBVER, rdcc_nbytes=CHUNK_CACHE_BYTES
         )
@@ -149,7 +150,7 @@ class PartWriter:
         try:
             described = b""
             if layout.has_digests:
-                described = describe_part(self._file, describe_data_sets(empty))
+                described = describe_part(self._file, describe_empty_part(empty), [*own])
             self._digests = DigestChain(previous_digest, described)
             self._start()
         except BaseException:
@@ -422,9 +423,6 @@ class SessionWriter:
         attributes: Attributes = {
             "layout": layout.LAYOUT,
             "layout_version": layout.LAYOUT_VERSION,
-            "part": self._number,
-            "reason": reason,
-            "texture": texture,
             **self._header.to_attributes(),
         }
         self._part = PartWriter(
@@ -434,6 +432,7 @@ class SessionWriter:
             self._header.n_taxels,
             self._texts,
             self._last_digest,
+            {"part": self._number, "reason": reason, "texture": texture},
         )
         self.flush()
 

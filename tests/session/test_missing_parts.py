@@ -183,7 +183,7 @@ def test_the_last_part_is_missed_without_a_list(session: Path) -> None:
     assert rec.status.part == 5
 
 
-@pytest.mark.parametrize("moment", ["_write_new", "build_empty_part", "describe_part"])
+@pytest.mark.parametrize("moment", ["_write_new", "build_part", "describe_part"])
 def test_a_part_that_a_kill_kept_from_beginning_is_not_missed(
     tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
