@@ -33,12 +33,12 @@ from rigctl.session.data_quality import (
     VERDICTS,
     TrialHistory,
     TrialStatistics,
-    TrialSums,
     cell_statistics,
 )
 from rigctl.session.header import IMPORTED
 from rigctl.session.layout import PROTOCOL_FILE
 from rigctl.session.session import Session
+from rigctl.session.trial_sums import TrialSums
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial, Verdict
 
 if TYPE_CHECKING:

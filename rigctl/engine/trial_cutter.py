@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from rigctl.boards.taxel_frames import Flag
 from rigctl.config.rig_config import ADC_MAX
-from rigctl.session.data_quality import BASELINE_SAMPLES, TrialSums
+from rigctl.session.data_quality import BASELINE_SAMPLES
+from rigctl.session.trial_sums import TrialSums
 from rigctl.values import Block
 
 BUFFERED_BLOCKS = 100
@@ -67,6 +68,8 @@ class TrialCutter:
         self._buffered: list[Block] | None = None
         self._lifted: TrialSums | None = None
         self._is_lifted = False
+        # Loads the compiled kernel now: in a trial it would delay a heartbeat.
+        TrialSums(1).add(np.zeros((1, 1), np.uint16))
 
     @property
     def baseline(self) -> NDArray[np.float64] | None:

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.config.rig_config import ADC_MAX
 from rigctl.protocol.plan import Condition, Quality
 
 Floats = NDArray[np.float64]
@@ -56,68 +55,6 @@ MAD_TO_SD = 1.4826
 BASELINE_SAMPLES = 100
 """Lifted readings before the approach that a baseline is the mean of, for all trials of a contact.
 """
-
-
-class TrialSums:
-    """Sums over the samples of a trial, which need no memory of them.
-
-    ``top``: the highest reading. ``unit``: the readings of a count of its statistics, by default
-    those of a 1,024th of the range, so that the limits hold for a sensor of any resolution.
-    """
-
-    def __init__(self, n_taxels: int, top: int = ADC_MAX, unit: float | None = None) -> None:
-        self.n = 0
-        self._top = top
-        self._unit = (top + 1) / (ADC_MAX + 1) if unit is None else unit
-        self.sa_spikes = 0
-        self._sum, self._squares, self._steps = np.zeros((3, n_taxels))
-        self._low = np.full(n_taxels, float(top))
-        self._high, self._at_top = np.zeros((2, n_taxels))
-        self._last: NDArray[np.uint16] | None = None
-
-    def add(self, samples: NDArray[np.uint16]) -> None:
-        """Add the next samples, uint16 (n, n_taxels), n at least 1."""
-        before = samples[:1] if self._last is None else self._last
-        # A taxel's readings side by side are summed several times as fast; float64 is exact here.
-        joined = np.concatenate((before, samples)).T.astype(np.float64, order="C")
-        values = joined[:, 1:]
-        steps, high = values - joined[:, :-1], values.max(axis=1)
-        self.n += len(samples)
-        self._sum += values.sum(axis=1)
-        self._squares += np.einsum("ij,ij->i", values, values)
-        self._steps += np.einsum("ij,ij->i", steps, steps)
-        self._low = np.minimum(self._low, values.min(axis=1))
-        self._high = np.maximum(self._high, high)
-        if high.max() >= self._top:
-            self._at_top += (values >= self._top).sum(axis=1)
-        self._last = samples[-1:]
-
-    def add_spikes(self, spikes: NDArray[np.uint8]) -> None:
-        """Add the spikes of the next samples, uint8 (n, 2·n_taxels), SA and RA."""
-        self.sa_spikes += int(np.count_nonzero(spikes[:, : len(self._sum)]))
-
-    @property
-    def mean(self) -> Floats:
-        """Mean reading, counts, float64 (n_taxels,)."""
-        return np.asarray(self._sum / self.n)
-
-    def statistics(
-        self, baseline: Floats | None = None, cell: CellStatistics | None = None
-    ) -> TrialStatistics:
-        """Return the statistics; ``baseline``: the mean of the lifted readings before."""
-        unknown, unit = np.full(len(self._sum), np.nan), self._unit
-        variance = np.maximum(self._squares / self.n - self.mean**2, 0.0)
-        return TrialStatistics(
-            self.mean / unit,
-            np.sqrt(variance) / unit,
-            np.sqrt(self._steps / max(self.n - 1, 1) / 2.0) / unit,
-            self._low / unit,
-            self._high / unit,
-            self._at_top / self.n,
-            unknown if baseline is None else baseline / unit,
-            CellStatistics() if cell is None else cell,
-            self.sa_spikes,
-        )
 
 
 class CellStatistics(NamedTuple):

@@ -16,10 +16,10 @@ from rigctl.session.data_quality import (
     DataVerdict,
     TrialHistory,
     TrialStatistics,
-    TrialSums,
     cell_statistics,
     student_quantile,
 )
+from rigctl.session.trial_sums import TrialSums
 
 CONDITION = ("A", 80.0, 500.0, 0.0)
 N = 18
