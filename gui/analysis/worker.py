@@ -17,7 +17,8 @@ from gui.widgets.background import Background
 WORKER_THREAD = "rigctl-worker"
 CLOSE_TIMEOUT_S = 10.0
 START_MS = 100
-"""A process starts this long after the events at its first task: a window is then on the screen."""
+"""A process starts this long after the events that waited at its first task, such as the window's
+first picture."""
 ENDED = "the analysis process ended unexpectedly: try again"
 
 
