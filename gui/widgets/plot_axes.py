@@ -42,14 +42,6 @@ SIDES = {"left": (2, 0), "bottom": (3, 1), "right": (2, 2)}
 TITLE_PX = 30
 
 
-class _Axis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has none
-    """An axis that lays out its label while that is shown: pyqtgraph does so six times before."""
-
-    def _updateLabel(self) -> None:
-        if self.label.isVisible():
-            super()._updateLabel()
-
-
 class Plot(QGraphicsWidget):
     """A view with axes and a title, with the methods of pyqtgraph's PlotItem that are used here.
 
@@ -88,7 +80,7 @@ class Plot(QGraphicsWidget):
     def getAxis(self, side: str) -> Any:
         """Return the axis at the left, at the bottom or at the right, made when it is wanted."""
         if side not in self._axes:
-            axis = self._axes[side] = _Axis(orientation=side, parent=self)
+            axis = self._axes[side] = pg.AxisItem(orientation=side, parent=self)
             axis.autoSIPrefix = False  # it would write the label anew for each change of the range
             axis.linkToView(self._view)
             axis.setZValue(-1000)  # below what the view shows
